@@ -1,4 +1,4 @@
-"""The settings of all terms in one tree: how exact each statement is, and how an outlier of it is taken."""
+"""Settings of all factors in one tree: standard deviations and robust losses."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,12 +36,12 @@ SQUARE = RobustLoss()
 
 @dataclass(frozen=True)
 class OrientationSettings:
-    """Orientation of a bone against that of its sensor."""
+    """Difference between the orientation of a bone and that of its sensor."""
 
     # Soft tissue and filter errors: 2–8° against optical references on well mounted sensors.
     sigma_deg: float = 4.0
     """Standard deviation in degrees."""
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # a knocked strap exceeds 8°
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # hit straps exceed 8°
 
     @property
     def sigma(self) -> float:
@@ -51,33 +51,33 @@ class OrientationSettings:
 
 @dataclass(frozen=True)
 class AccelerationSettings:
-    """Acceleration of a model point against that of its sensor."""
+    """Difference between the acceleration of the model and that of its sensor."""
 
     # Each row: soft tissue wobbles by 1–3 at the limbs in brisk motion (1.3–2.5 below 8 Hz on a walk with optical
     # reference), less at rest.
     sigma: float = 1.5
     """Standard deviation in m/s²."""
-    # With six sensors acceleration alone tells where thighs and upper arms are, and is worth its bias: as in the
-    # thesis, whose weight of it is larger for SIP (3.4.1) than for VIP (4.4.1).
+    # Standard deviation in m/s² with six sensors, where only accelerations determine thighs and upper arms (thesis
+    # 3.4.1).
     sparse_sigma: float = 0.5
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # foot strikes ring the straps
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # foot strikes shake the straps
 
 
 @dataclass(frozen=True)
 class PosePriorSettings:
     """Weight of the learned Gaussian pose prior."""
 
-    scale: float = 0.4  # of the whitened residual, once in a correlation time: a pose lasts for some two seconds
-    mean_scale: float = 0.6  # of the recording's mean: a recording of one activity is off by more than one pose is
+    scale: float = 0.4  # factor on the whitened residual, once per correlation time
+    mean_scale: float = 0.6  # factor on the whitened residual of the recording's mean pose
 
 
 @dataclass(frozen=True)
 class JointLimitSettings:
     """Stiffness of the ends of the joint ranges."""
 
-    sigma_deg: float = 3.0  # people differ by more than this in every published table of ranges
+    sigma_deg: float = 3.0  # standard deviation beyond a range, degrees; published ranges differ by more
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # Kaichi et al. 2020, eqs. 4–5
-    # Whether the loss is of each axis by itself, as in their eq. 4; off: of a joint's three, whichever way axes are put
+    # Apply the loss to each axis, as in Kaichi's eq. 4; off: to the norm over the three axes of a joint.
     per_axis: bool = False
 
 
@@ -85,28 +85,28 @@ class JointLimitSettings:
 class HeadingPriorSettings:
     """Prior on the initial headings."""
 
-    least_sigma_deg: float = 12.0  # of the initial headings, however sure they claim to be
+    least_sigma_deg: float = 12.0  # smallest standard deviation of an initial heading, degrees
 
 
 @dataclass(frozen=True)
 class AgreeingHeadingsSettings:
     """Agreement of the inertial frames of a wearer's sensors about the vertical."""
 
-    # Degrees, standard deviation about their mean; none: nothing is known. Thirteen sensors of one make lay within −10°
-    # to +4° of each other, one of them at −33°; sensors that each found a north of their own may lie anyhow.
+    # Standard deviation of headings about their mean in degrees, for sensors started together (thirteen of one make
+    # agreed within −10° to +4°, except one at −33°); none: headings are independent.
     sigma_deg: float | None = None
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # one that was started elsewhere
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a sensor started elsewhere
 
 
 @dataclass(frozen=True)
 class HeadingWalkSettings:
     """Random walk of drifting headings."""
 
-    # Degrees per √minute: magnetometer-free filters of consumer sensors drift by 1–5. What a recording shows of each
-    # sensor's is weighed against this.
+    # Prior drift in degrees per √minute, combined with the drift that the recording shows; consumer sensors without
+    # magnetometer drift by 1–5.
     drift_deg: float = 2.0
-    # Degrees per √minute, before the first solution shows how each sensor drifts: too small a number would hold back
-    # one that drifts by tens of degrees in minutes, as gyroscopes do that were never calibrated.
+    # Drift in degrees per √minute before the first solution; large enough for uncalibrated gyroscopes, which drift by
+    # tens of degrees in minutes.
     unknown_drift_deg: float = 10.0
 
 
@@ -114,19 +114,19 @@ class HeadingWalkSettings:
 class SensorPositionSettings:
     """Prior on the positions of sensors, along the bone and across it."""
 
-    # Of the bone's length: a shank's sensor was found at half of it that was to sit at three tenths.
+    # Standard deviation along the bone, as a share of its length.
     along: float = 0.05
-    across: float = 0.023  # m: limbs differ in thickness, thighs' sensors were 4–8 cm off in depth
-    elsewhere: float = 0.023  # m, on bones that are no limb: head, trunk, pelvis, feet, hands
+    across: float = 0.023  # standard deviation across a limb, m
+    elsewhere: float = 0.023  # standard deviation on head, trunk, pelvis, feet and hands, m
 
 
 @dataclass(frozen=True)
 class InitialPoseSettings:
     """Accuracy of a declared T- or N-pose."""
 
-    scale: float = 0.6  # of the standard deviations measured on two people, joint by joint and axis by axis
-    seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
-    # To the letter, as the papers and our simulator take poses; off: arms low, turned and bent, as people hold them.
+    scale: float = 0.6  # factor on the standard deviations measured on two people, per joint and axis
+    seconds: float = 1.0  # duration of the pose at the start, s
+    # Assume an exact pose, as in the papers; off: arms a little low, rotated and bent, as people hold them.
     nominal: bool = False
 
 
@@ -135,16 +135,17 @@ class HingeSettings:
     """Deviation of elbows and knees from hinges."""
 
     use: bool = True
-    sigma_deg: float = 4.0  # optical elbows and knees stay within a few degrees of one axis
-    twist_sigma_deg: float = 8.0  # of shanks, which turn by 10° against the thigh as the knee bends and by more bent
+    sigma_deg: float = 4.0  # standard deviation of elbows and knees from a hinge, degrees
+    twist_sigma_deg: float = 8.0  # standard deviation of the axial rotation of the shank, degrees
 
 
 @dataclass(frozen=True)
 class SmoothnessSettings:
     """Angular velocities of the joints."""
 
-    use: bool = True  # without it six sensors lose a third more: see the changelog
-    # s in which a joint crosses one standard deviation of the pose prior, at one standard deviation of its speed.
+    use: bool = True  # off: errors with six sensors grow by a third
+    # Time in s in which a joint at one standard deviation of its speed crosses one standard deviation of the pose
+    # prior.
     time: float = 0.07
 
 
@@ -152,11 +153,10 @@ class SmoothnessSettings:
 class SoleSettings:
     """Thickness of soles: log-normal with mean 18 mm and standard deviation 12 mm."""
 
-    # m, the median. Bare feet and socks have 0–5 mm, canvas shoes 10–20, trainers 25–35 under the heel and a centimetre
-    # less under the ball; ergonomists add 25 mm for men's shoes (Pheasant & Haslegrave, Bodyspace), captured motions
-    # have their feet 6–15 mm over the floor, and one measured walker's ankles stood 36 mm higher than a table's.
+    # Median thickness in m: bare feet and socks 0–5 mm, canvas shoes 10–20, trainers 25–35 under the heel (Pheasant &
+    # Haslegrave, Bodyspace).
     thickness: NotNegative = 0.015
-    spread: float = 0.6  # of its logarithm: two thirds of all people are within 8–27 mm, nearly all within 5–50
+    spread: float = 0.6  # standard deviation of its logarithm: two thirds of people within 8–27 mm
 
     def of(self, log_ratio: float) -> float:
         """Metres, of a value ``x`` of the variable."""
@@ -167,30 +167,30 @@ class SoleSettings:
 class FootContactSettings:
     """Velocity of a foot in contact."""
 
-    use: bool = True  # without it only accelerations place the root, and it drifts by metres in a minute
-    sigma: float = 0.15  # m/s: the rolling ankle of a planted foot, and contacts found a frame late
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a wrong contact must let go
+    use: bool = True  # off: without a camera the position drifts by metres in a minute
+    sigma: float = 0.15  # standard deviation of the velocity of a foot in contact, m/s
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # wrong contacts
 
 
 @dataclass(frozen=True)
 class FloorContactSettings:
     """Height of a foot in contact above the floor."""
 
-    use: bool = True  # off for slopes and stairs, where it only costs: a robust loss lets a storey go, not a ramp
-    sigma: float = 0.15  # m: 3–5 cm of soles, carpets and late contacts, which last: not so many independent facts
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a step or a chair must let go
+    use: bool = True  # off: for slopes and stairs
+    sigma: float = 0.15  # standard deviation of the height, m: soles, carpets and late contacts, correlated over time
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # steps and chairs
 
 
 @dataclass(frozen=True)
 class GaugePriorSettings:
     """Prior that fixes the free translation of an inertial reconstruction."""
 
-    position_sigma: float = 0.01  # m: the first root position is a choice, so any small number does
+    position_sigma: float = 0.01  # m; the first root position is arbitrary, so any small number works
 
 
 @dataclass(frozen=True)
 class FactorSettings:
-    """The settings of the terms on a wearer."""
+    """Settings of the factors of a wearer."""
 
     orientation: OrientationSettings = field(default_factory=OrientationSettings)
     acceleration: AccelerationSettings = field(default_factory=AccelerationSettings)
@@ -207,10 +207,10 @@ class FactorSettings:
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
-    # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement,
-    # and each of them counts as its share of it; so the frame rate, which is nobody's evidence, changes no weight.
+    # Correlation time in s of the errors of soft tissue, joints and detectors. Each frame is weighted by its share of
+    # this time, so results do not depend on the frame rate.
     correlation_s: float = 0.35
-    # Of the prior over bodies, in sigmas: what a table calls a joint's centre is not quite what keypoints follow.
+    # Factor on the standard deviations of the body prior, because joint centres in tables differ from keypoints.
     length_scale: float = 1.5
 
 
@@ -219,8 +219,8 @@ class AdaptiveBiweightSettings:
     """Loss of keypoints far from their prediction."""
 
     use: bool = False
-    reach: float = 2.0  # β_d: no weight beyond so many standard deviations
-    # s in pixels of an image 1920 wide (the paper: 140, for people about 330 pixels tall); none: each person's own size
+    reach: float = 2.0  # β_d: standard deviations beyond which a keypoint has no weight
+    # Scale in pixels of an image 1920 wide (paper: 140, for people 330 pixels tall); none: the size of each person.
     scale_px: float | None = None
 
 
@@ -228,29 +228,29 @@ class AdaptiveBiweightSettings:
 class ReprojectionSettings:
     """Accuracy of the detector's keypoints."""
 
-    # Standard deviation of a fully confident keypoint before anything is known of the detector, in OKS sigmas of that
-    # keypoint times the square root of the person's area: OpenPose's scatter is 0.5.
+    # Initial standard deviation of a fully confident keypoint, in OKS sigmas of the keypoint times the square root of
+    # the person's area; OpenPose has 0.5.
     spread: float = 0.5
-    # The part of a detector's errors that lasts for longer than a correlation time is so many times what changes.
+    # Ratio of detector errors that last longer than the correlation time to those that change.
     persistence: NotNegative = 2.0
-    adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
-    least_px: NotNegative = 1.0  # detectors answer on a grid of a few pixels
-    # m: joint centres, clothes and a detector's habits are no better known, however sharply it sees; without it perfect
-    # keypoints bend the body.
+    adaptive: bool = True  # estimate the spread from the residuals of a first fit
+    least_px: NotNegative = 1.0  # smallest standard deviation in pixels: detectors quantise
+    # Standard deviation in m at the body, for joint centres, clothes and constant detector errors; added to that in the
+    # image.
     point_sigma: NotNegative = 0.015
-    least_confidence: Share = 0.1  # below it detectors guess
-    # px, standard deviation of every fully confident keypoint alike; none: by its OKS sigma and the person's size.
+    least_confidence: Share = 0.1  # keypoints below this confidence are ignored
+    # Standard deviation in pixels of every fully confident keypoint; none: from its OKS sigma and the person's size.
     fixed_px: float | None = None
     biweight: AdaptiveBiweightSettings = field(default_factory=AdaptiveBiweightSettings)
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # left and right swap, limbs hide
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # swapped sides, hidden limbs
 
 
 @dataclass(frozen=True)
 class CameraOrientationSettings:
-    """Orientation of the camera against that of its sensor."""
+    """Difference between the orientation of the camera and that of its sensor."""
 
-    sigma_deg: float = 1.5  # a rigid mount: what remains are the errors of the attitude filter (data sheets: 0.5–2.5)
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # magnets in doors and cars
+    sigma_deg: float = 1.5  # standard deviation in degrees, of the attitude filter (data sheets: 0.5–2.5)
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # magnetic disturbances
 
     def sigma(self, weight: float) -> float:
         """Standard deviation in radians, of each row, whose variance is divided by a weight."""
@@ -259,9 +259,9 @@ class CameraOrientationSettings:
 
 @dataclass(frozen=True)
 class CameraAccelerationSettings:
-    """Acceleration of the camera against that of its sensor."""
+    """Difference between the acceleration of the camera and that of its sensor."""
 
-    sigma: float = 0.5  # m/s², each row: no soft tissue; a tilt error of 1.5° lets 0.25 of gravity through
+    sigma: float = 0.5  # standard deviation per axis, m/s²; a tilt error of 1.5° gives 0.25
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # knocks against the phone
 
 
@@ -269,8 +269,8 @@ class CameraAccelerationSettings:
 class CameraVelocitySettings:
     """Velocity of a camera; a broad prior, which only matters without measurements."""
 
-    turn_sigma_deg_s: float = 60.0  # a pan that keeps a runner in view
-    speed_sigma: float = 1.5  # m/s: who films walks
+    turn_sigma_deg_s: float = 60.0  # standard deviation, degrees/s
+    speed_sigma: float = 1.5  # standard deviation, m/s: walking speed
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # a cut in the video is a jump
 
 
@@ -278,8 +278,8 @@ class CameraVelocitySettings:
 class CameraOdometrySettings:
     """Drift of a camera path from visual odometry: standard deviations of its error after one second."""
 
-    turn_sigma_deg: float = 0.2  # of relative rotation, about each axis
-    shift_sigma: float = 0.02  # m, of relative position, along each axis
+    turn_sigma_deg: float = 0.2  # relative rotation about each axis, degrees
+    shift_sigma: float = 0.02  # relative position along each axis, m
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # a reset is a jump
 
 
@@ -299,21 +299,19 @@ class Weighing(StrEnum):
 
 @dataclass(frozen=True)
 class GroundContactSettings:
-    """When and how firmly an ankle is held where its pixel meets the floor."""
+    """Contact of an ankle with the floor at the ray of its pixel."""
 
-    # Of cameras of known pose only: the others' height over the floor is what the feet would tell. In four simulated
-    # scenes (13 sensors, standing camera) joints were 57 mm from where they were in the room instead of 135 mm, for
-    # detectors' habits and bone lengths put people 3 % too near; their poses stayed as they were.
+    # Only for cameras of known pose. It corrects the distance of people from the camera: in four simulated scenes,
+    # joint errors in the room fell from 135 to 57 mm.
     use: bool = True
-    contact_from: ContactFrom = ContactFrom.JOINT_STATE  # what tells that a foot stands: a sensor on it, or the pose
-    weighing: Weighing = Weighing.PIXELS  # how far the ankle may be from there: as its pixel says, or sigma everywhere
-    sigma: float = 0.15  # m, where weighed by distance
-    # m, where weighed by pixels: soles, carpets, late contacts, which last. Streams of twelve scenes on a level floor
-    # were 5.4 cm off (without contact 5.4, at 0.03 and feet on the floor 6.3), four with people seen too near 11.9
-    # (13.7, 9.5); at 0.01 poses bend to it.
+    contact_from: ContactFrom = ContactFrom.JOINT_STATE  # evidence of contact: foot sensor or pose
+    weighing: Weighing = Weighing.PIXELS  # standard deviation of the ankle: from the pixel's, or sigma
+    sigma: float = 0.15  # standard deviation with weighing by distance, m
+    # Standard deviation of the floor's height in m with weighing by pixels: soles, carpets and late contacts,
+    # correlated over time.
     floor_sigma: float = 0.06
-    acceleration_scale: float = 5.0  # m/s²: feet that accelerate more are believed in proportion less (Kaichi: β_G)
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
+    acceleration_scale: float = 5.0  # foot acceleration above which the weight falls, m/s² (Kaichi: β_G)
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # feet on steps
 
 
 class LearnedOffsets:
@@ -335,13 +333,12 @@ class LearnedOffsets:
 class KeypointOffsetSettings:
     """Prior on the offset of a detector's keypoints from the joints."""
 
-    # m about each axis. Detectors lie 1–3 cm beside markers, all axes together; with 15 mm offsets took up what is the
-    # skeleton's, whose joint centres are less certain still (foreign scenes: 28.4 mm against 27.1).
+    # Standard deviation along each axis in m; detectors differ from markers by 1–3 cm over all axes.
     sigma: float = 0.010
-    elbow_wrist_sigma: float = 0.008  # m, of elbows and wrists, where a limb is thin and the joint shows
-    hip_sigma: float = 0.020  # m: nobody sees a hip, detectors put it up to 4 cm above the joint
+    elbow_wrist_sigma: float = 0.008  # standard deviation of elbows and wrists, m
+    hip_sigma: float = 0.020  # standard deviation of hips, m; detectors place them up to 4 cm high
 
-    # File with a detector's own means and sigmas instead (docs/factors.md).
+    # File with the means and standard deviations of a detector (docs/factors.md).
     learned: LearnedOffsets | None = None
 
 
@@ -349,15 +346,15 @@ class KeypointOffsetSettings:
 class VideoClockSettings:
     """Prior on the video clock."""
 
-    offset_sigma: float = 0.05  # s: an offset found by eye is good to a video frame or two
-    # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate given as 30 for 29.97 Hz is off by
-    # 1e-3, the usual mistake. A minute of walking determines a drift to 2e-4.
+    offset_sigma: float = 0.05  # standard deviation of the offset, s: one or two video frames
+    # Standard deviation of the drift in s/s: quartz clocks differ by a few 1e-5, and a rate of 30 given for 29.97 Hz by
+    # 1e-3.
     drift_sigma: NotNegative = 1e-3
 
 
 @dataclass(frozen=True)
 class CameraFactorSettings:
-    """The settings of the terms on a camera and what it saw."""
+    """Settings of the factors of a camera and its detections."""
 
     reprojection: ReprojectionSettings = field(default_factory=ReprojectionSettings)
     orientation: CameraOrientationSettings = field(default_factory=CameraOrientationSettings)
@@ -367,5 +364,5 @@ class CameraFactorSettings:
     ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
     keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
     clock: VideoClockSettings = field(default_factory=VideoClockSettings)
-    correlation_s: float = 0.35  # s, of what the camera's own sensor says, as factors.correlation_s
-    heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
+    correlation_s: float = 0.35  # correlation time of the camera's sensor, s, as factors.correlation_s
+    heading_sigma_deg: float = 45.0  # standard deviation of the initial heading of the camera's sensor

@@ -19,7 +19,7 @@ LEAST_OVERLAPS = 2  # to a window: one at each end
 class StartSettings:
     """Settings of the search for headings and mountings."""
 
-    search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
+    search: bool = True  # off: initial values from the placement and the low-passed motion only, as in the papers
 
 
 @dataclass(frozen=True)
@@ -28,30 +28,28 @@ class CalibrationSettings:
 
     # Sensors drift apart by tens of degrees.
     estimate_headings: bool = True
-    """Find how sensors are turned about the vertical; off where they agree already."""
+    """Estimate the headings of sensors; off: the headings already agree."""
     # A calibration pose is held 10–15° off.
     estimate_mountings: bool = True
-    """Find how sensors sit on their bones; off where that was measured."""
+    """Estimate the mountings of sensors; off: they were measured."""
     # People of one stature differ by 3–6 % in each length.
     estimate_body: bool = True
-    """Find the lengths of the body, where a camera sees it."""
-    # The axes of elbows and knees as variables: carrying angles are personal. Off: the usual axes.
+    """Estimate the lengths of the body, with a camera."""
+    # Estimate the axes of elbows and knees; off: average axes.
     estimate_hinges: bool = True
-    # Where on their bones sensors sit as variables, where a camera sees the wearer: an arm that is assumed pulls the
-    # mounting. Without a camera nothing tells the two apart, and a real knee was 0.5° worse. Off: the placement's.
+    # Estimate the positions of sensors on their bones, with a camera; off: those of the placement.
     estimate_places: bool = True
-    # How thick the wearer's soles are as a variable, where a camera sees the wearer. Off: factors.sole.thickness.
+    # Estimate the thickness of the soles, with a camera; off: factors.sole.thickness.
     estimate_sole: bool = True
-    # What the detector calls hip, shoulder, knee … as variables: 1–3 cm beside the joint, the same in every frame.
+    # Estimate constant offsets between the detector's keypoints and the joints (1–3 cm).
     estimate_keypoints: bool = True
-    # The focal length of a camera that was not calibrated.
+    # Estimate the focal length of an uncalibrated camera.
     estimate_lens: bool = True
-    # s from which on a recording is long enough that its headings drift (a random walk of factors.heading_walk); none:
-    # they are constant, as in the papers.
+    # Duration in s above which headings drift (factors.heading_walk); none: headings are constant, as in the papers.
     heading_drift_from_s: float | None = 20.0
-    # Coarse solves: foot contacts that were found with the first headings are found again with better ones.
+    # Number of coarse solves; each detects foot contacts again with better headings.
     passes: NotNegativeInt = 2
-    from_truth: bool = False  # start from the recording's true calibration: for experiments
+    from_truth: bool = False  # start from the true calibration of a simulated recording
     start: StartSettings = field(default_factory=StartSettings)
 
 
@@ -60,24 +58,24 @@ class FusionSettings:
     """Settings of the fusion with cameras."""
 
     use_camera: bool = True
-    """Off: the body-worn sensors alone, each wearer by itself (SIP)."""
+    """Use the cameras; off: body-worn sensors only, each wearer alone (SIP)."""
     camera_imu: bool = True
-    """Off: the sensor on the camera is not used."""
-    # Two numbers for a recording, and within 2 ms where clocks agree. Off: as whoever made the recording has them.
+    """Use the sensor on the camera."""
+    # Two variables per recording.
     estimate_clock: bool = True
-    """Find how far the video's clock is off, within some milliseconds, and how it drifts."""
-    # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
+    """Estimate the offset and drift of the video's clock."""
+    # Rounds of association and fusion; later rounds use the estimated camera, headings and mountings (thesis 4.3).
     rounds: int = 2
-    # More solves at most, while the detector turns out much better than believed: true 2D poses, say.
+    # Maximum number of further solves while the detector's errors are much smaller than assumed.
     refits: NotNegativeInt = 2
-    # Foot contacts beside a camera that stands still or is known: it holds the root by itself, and contacts found in
-    # running are wrong by centimetres. A moving camera needs them: they hold the world.
+    # Use foot contacts with a standing or known camera, which determines the position without them. With a moving
+    # camera they are always used.
     contacts_with_standing_camera: bool = False
-    contact_loosening: float = 2.5  # contacts in front of a moving camera count so much less than in SIP, in sigmas
-    # At the full rate, where calibration is settled and contacts cannot bend it, they count more, before any camera:
-    # planted feet slid by 7 cm/s, with 0.2 by 1, for 0.4 mm of MPJPE (29.0 to 29.4) and a better knee on real walks.
+    contact_loosening: float = 2.5  # factor on the sigma of contacts with a moving camera
+    # Factor on the sigma of contacts in the full-rate solve, where the calibration is fixed; it keeps planted feet
+    # still.
     contact_tightening: float = 0.2
-    # Below this relative decrease of the cost a solve ends: what is left to gain there is a tenth of a millimetre.
+    # Relative decrease of the cost below which a solve stops.
     relative_decrease: float = 5e-3
 
 
@@ -85,22 +83,19 @@ class FusionSettings:
 class WindowSettings:
     """Settings of the overlapping windows in which a long recording is solved after its calibration."""
 
-    # What is shorter is calibrated by all of its coarse frames (four minutes before a camera take 3 GB), and its
-    # sensors' clocks and accelerometers are looked over first, which wants the whole.
+    # Shorter recordings are calibrated from all coarse frames (four minutes with a camera take 3 GB).
     above_s: float = 300.0
-    """What is longer, in seconds, is calibrated from stretches of it, and read window by window."""
-    use: bool = True  # off: every recording is solved at once, in 0.4 MB a frame
-    # Of what is solved at the full rate together: 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows
-    # take longer.
+    """Duration in seconds above which a recording is calibrated from stretches and read in windows."""
+    use: bool = True  # off: every recording is solved at once, with 0.4 MB per frame
+    # Duration in s of a window at the full rate (60 s: 1 GB). Overlaps are solved twice, so shorter windows take
+    # longer.
     window_s: float = 60.0
-    # Windows settle from either end of it and meet in the middle: what lies beyond a window's end shows in its last
-    # two seconds. Of 13 sensors, overlaps of 2 s left a millimetre and 0.2° in the motion, 6 s 0.06 mm and 0.004°.
+    # Overlap of windows in s. With 13 sensors, 2 s change the motion by 1 mm and 0.2°, 6 s by 0.06 mm and 0.004°.
     overlap_s: NotNegative = 6.0
-    # Stretches, spread over the recording, of whose frames headings, mountings and the mean pose are found together:
-    # three minutes and 20 s, coarsely, take 1.5 GB. A scene with a camera is calibrated from as many seconds in one
-    # piece, which shows who is who: from its beginning, where a pose may be declared, or from where everybody is seen.
+    # Number of stretches, spread over the recording, for the calibration (8 of 25 s take 1.5 GB). With a camera, the
+    # calibration uses one piece of the same total duration.
     calibration_stretches: int = 8
-    calibration_stretch_s: float = 25.0  # long enough for gestures of all limbs
+    calibration_stretch_s: float = 25.0  # duration of a stretch, s
 
     def __post_init__(self) -> None:
         check_ranges(self, "windows.")
@@ -123,26 +118,25 @@ class AssociationSettings:
     """Settings of the association of detections with wearers."""
 
     rivals: NotNegativeInt = 3
-    """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
+    """Number of most likely hypotheses per wearer and frame."""
     offsets: tuple[int, ...] = (1, 2, 4, 8, 16, 30)
-    """Frames, at 30 per second, that edges span: up to a second (thesis 4.4.1), thinned as neighbours are alike."""
+    """Distances in frames, at 30 per second, between linked detections (thesis 4.4.1)."""
     window_s: float = 4.0
-    """Seconds decided at once."""
+    """Duration in s of an assignment window."""
     overlap_s: NotNegative = 1.2
-    """Seconds decided again by the next window: more than the longest edge."""
+    """Overlap of assignment windows in s; longer than the largest offset."""
     least_confidence: Share = 0.9
-    """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
+    """Probability below which an assignment is discarded."""
     by_place: bool = True
-    """Where the camera is known, detections that are nobody's are given to whom they fit where they stand: half hidden
-    people show too few joints to be recognised by their motion. Off: by motion alone."""
+    """With a known camera, also assign detections by position, for people who are partly hidden. Off: by motion
+    only."""
     by_clothes: bool = True
-    """Where the recording was converted with its video, clothes count beside motion, as far as those of the surely
-    found differ from others'. Off: motion alone."""
+    """Also assign detections by the colours of clothes, if the recording was converted with its video. Off: by motion
+    only."""
     check: bool = True
-    """Whether oddities of detections are reported: in another order, of nobody, of two who move alike. Streams find
-    who is who again and again and tell none of it: a tenth of what their start takes."""
+    """Report swapped keypoints, unassigned detections, and people who move alike."""
     weights: Path | None = None
-    """Weights to use instead of the shipped ones."""
+    """File with weights instead of the default ones."""
 
     def __post_init__(self) -> None:
         if self.rivals < 1 or not self.offsets or min(self.offsets) < 1:
@@ -155,10 +149,10 @@ class AssociationSettings:
 
 @dataclass(frozen=True)
 class SolveSettings:
-    """When to stop, and how far to trust the linearisation."""
+    """Stopping criteria of the solver."""
 
-    max_iterations: int = 30  # IT and SIP settle in 5–20; the thesis used 20
-    relative_decrease: float = 1e-3  # steps below it move joints by a millimetre in all and take half of the time
+    max_iterations: int = 30  # IT and SIP converge in 5–20
+    relative_decrease: float = 1e-3  # relative decrease of the cost below which it stops
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,8 +163,7 @@ class CommonSettings(Summarised):
     frame_rate: Rate = 60.0
     """Frames per second of the estimated motion."""
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
-    # Hz, about, at which the calibration is found first, on every n-th frame: what is found is the same at any frame
-    # rate. At 5 Hz a band of accelerations is lost that tells mountings: 31.4 mm instead of 26.0.
+    # Approximate frame rate of the calibration in Hz; it uses every n-th frame. At 5 Hz the mountings are worse.
     calibration_rate: Rate = 15.0
 
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
@@ -180,8 +173,8 @@ class CommonSettings(Summarised):
     association: AssociationSettings = field(default_factory=AssociationSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     floor: Literal["found", "none"] | float = "found"
-    """Where z = 0 is: under the soles, or where a known camera pose has it (found); where the camera was put at the
-    start (none); at this height in metres in the world of a known camera pose (-0.74: its board lay on a table)."""
+    """Height z = 0: under the soles, or that of a known camera pose (found); the camera's initial position (none); or
+    this height in metres in the frame of a known camera pose (-0.74 if the board lay on a table of 74 cm)."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -194,7 +187,7 @@ class CommonSettings(Summarised):
 
     @property
     def coarse_factor(self) -> int:
-        """Every so-manieth frame is one on which the calibration is found."""
+        """Number of frames between those of the calibration."""
         ratio = self.frame_rate / self.calibration_rate
         below = max(1, int(ratio))
         return below if ratio / below < (below + 1) / ratio else below + 1
@@ -204,22 +197,22 @@ class CommonSettings(Summarised):
 class AccelerometerSettings:
     """Settings of the accelerometer checks."""
 
-    check: bool = True  # off: they are taken as they are
+    check: bool = True  # correct wrong axes, scales and ranges
 
 
 @dataclass(frozen=True)
 class SensorClockSettings:
     """Settings of the check for sensors whose clocks differ from their neighbours'."""
 
-    check: bool = True  # off: clocks agree, whatever the motion says
-    correct: bool = True  # off: delays are reported, not corrected
+    check: bool = True  # compare the clocks of neighbouring sensors
+    correct: bool = True  # off: delays are only reported
 
 
 @dataclass(frozen=True)
 class AssignmentSettings:
     """Settings of the check for exchanged sensors."""
 
-    check: bool = True  # off: they are where the placement has them, whatever the motion says
+    check: bool = True  # compare the placement with the motion
 
 
 @dataclass(frozen=True, repr=False)
@@ -230,38 +223,34 @@ class Settings(CommonSettings):
     covariance: bool = True
     """Estimate the uncertainty of every joint in every frame."""
     assign: bool = False
-    """Take sensors for one another that are found in each other's places."""
-    # Reported standard deviations include model errors (body/model_errors.py). Off: those of the solution alone.
+    """Exchange sensors that are listed in each other's place."""
+    # Include model errors in the reported standard deviations; off: the covariance of the solution only.
     model_errors: bool = True
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
     sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)
     assignment: AssignmentSettings = field(default_factory=AssignmentSettings)
     windows: WindowSettings = field(default_factory=WindowSettings)
-    # gtsam: GTSAM's own optimiser, on the same factors one by one: a hundred times slower, for seconds of a recording.
+    # gtsam: the optimiser of GTSAM; a hundred times slower.
     solver: SolverName = SolverName.OWN
 
 
 @dataclass(frozen=True)
 class AssemblySettings:
-    """Waiting, silences, clocks; all in seconds of the stream's own time."""
+    """Waiting times, pauses and clock steps; all in seconds of the stream's time."""
 
-    # Before the first frame: sensors switched on together have all begun by then (radio links take 0.1 s), and the
-    # tracker wants a second of samples before its first pose anyway.
+    # Wait for further sensors before the first frame.
     settle: NotNegative = 0.5
-    # A frame waits so long for a sensor that has fallen behind the others: three packets at 60 Hz, which is what
-    # radio links repeat; a fifth of the lag of a quarter of a second. Sensors slower than 20 Hz need a longer one.
+    # Wait for a sensor that is behind the others: three packets at 60 Hz. Sensors below 20 Hz need a longer wait.
     patience: NotNegative = 0.05
-    # A sensor's sample counts as arrived in order, once a sample so much newer has arrived: 0, because TCP, files and
-    # drivers keep the order of each sensor. Of sources over UDP, one frame or more: all answers are so much later.
+    # Wait for samples out of order; it delays all answers. 0 for TCP, files and drivers; one frame or more for UDP.
     reordering: NotNegative = 0.0
-    # Without a sample for so long a sensor is no longer waited for: longer than a body blocks the radio (0.25 s).
+    # Silence after which frames no longer wait for a sensor; longer than a body blocks the radio (0.25 s).
     dead_after: float = 1.0
-    # A silence of all sensors: after a longer one nobody knows where the wearers are, and tracking begins anew.
+    # Silence of all sensors after which tracking starts again.
     longest_pause: float = 2.5
-    # A step of a clock, between sources or ahead of all others, that no delay explains.
+    # Smallest step of a clock, between sources or ahead of all others, that counts as a clock jump.
     jump: float = 1.0
-    # A smaller one, of a sensor that was there: back behind its own newest sample, as packets seldom overtake one
-    # another by more than three, or ahead of it and of all others. Less shows in nothing but the poses.
+    # Smallest step of the clock of one running sensor that counts as a clock jump.
     step: float = 0.2
 
     def __post_init__(self) -> None:
@@ -275,17 +264,17 @@ class AssemblySettings:
 
 @dataclass(frozen=True)
 class RecalibrationSettings:
-    """When a stream's calibration is found again from the data so far."""
+    """Times of the recalibration of a stream from its data."""
 
     use: bool = True
-    # s of data: a start of one second is 60–120 mm off on foreign scenes, and with two it is half as wrong.
+    # Duration of the data in s of the first recalibration.
     first_s: float = 2.5
-    # of data, the most recent: headings of a minute ago are no longer today's. It is found again after as long.
+    # Largest duration of the data in s, and interval of the later recalibrations.
     longest_s: float = 40.0
-    # s of the stream between the last of that data and the first answer that has it, at least: on a core of its own one
-    # wearer's takes a quarter of what it lasted or less. A replay waits, and gives the same answers on any machine.
+    # Smallest time in s from the end of the data to the first answer with the new calibration. A replay waits for it,
+    # so its answers are the same on any machine.
     delay_s: NotNegative = 2.0
-    # Constant headings: the tracker goes on from the last of them, and follows them by itself.
+    # Headings are constant; the tracker follows their drift.
     calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(heading_drift_from_s=None))
 
 
@@ -293,36 +282,36 @@ class RecalibrationSettings:
 class ProcessNoiseSettings:
     """Process noise of the variables that all frames of a stream share, per √second.
 
-    Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
-    mountings surer than they are within seconds, and hold them where the first seconds put them.
+    It represents drift and errors that are correlated over frames, which would otherwise make headings and mountings
+    overconfident within seconds.
     """
 
-    every_s: float = 0.5  # the walk goes in steps: one elimination more at each
-    heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
-    mounting_deg: float = 0.3  # straps creep, skin moves
+    every_s: float = 0.5  # s between steps of the random walk
+    heading_deg: float = 0.3  # degrees per √second
+    mounting_deg: float = 0.3  # degrees per √second
 
 
 @dataclass(frozen=True)
 class RelinearisationSettings:
-    """Which frames of the lag are linearised anew."""
+    """Changes above which a frame of the lag is linearised again."""
 
-    angle_deg: float = 1.0  # a joint that moved by less is linear to some thousandths
+    angle_deg: float = 1.0  # joint rotation, degrees
     length_m: float = 0.02
-    shared_deg: float = 0.3  # headings and mountings: they are seen by all frames, 1.0 costs 2 mm
-    most: NotNegativeInt = 6  # frames at once, the newest: what an update may cost
+    shared_deg: float = 0.3  # headings and mountings, degrees
+    most: NotNegativeInt = 6  # maximum number of frames per update, the newest first
 
 
 @dataclass(frozen=True, repr=False)
 class LiveSettings(CommonSettings):
     """All settings of a live session."""
 
-    # Kaichi's users and animators want answers within a blink.
+    # Short enough for animation.
     lag_s: float = 0.25
     """Seconds between the newest pose and the smoothed one."""
-    # A step or a gesture shows where the sensors point.
+    # A step or a gesture shows the headings.
     start_s: float = 1.0
     """Seconds of data before the first answer."""
-    # A body does not show within the second that tracking begins with.
+    # The first second does not determine the body.
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
             estimate_body=False,
@@ -332,12 +321,11 @@ class LiveSettings(CommonSettings):
             estimate_keypoints=False,
         )
     )
-    # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes. Which feet
-    # stand it tells from the last frames alone: held as hard as in batch they cost 14 mm of 34 (MPJPE).
+    # One second of data does not determine clocks. Contacts come from the last frames only, so they have less weight
+    # than in ``smooth``.
     fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False, contact_tightening=1.0))
     association: AssociationSettings = field(default_factory=lambda: AssociationSettings(check=False))
-    # Frames to each update; those between are predicted, by how their sensors turned. Of one wearer every frame can be
-    # solved: an update takes half of the time between two at 60 Hz.
+    # Frames per update; the frames between are predicted from the sensors' rotation.
     solve_every: int = 1
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     recalibration: RecalibrationSettings = field(default_factory=RecalibrationSettings)

@@ -12,18 +12,17 @@ from vip_factors.cli.terminal import say
 
 @dataclass(frozen=True)
 class BodyOptions(WritingOptions):
-    """Write the body that was found into a file (TOML): skeleton, lengths and hinges, with how sure they are.
+    """Write the estimated body into a file (TOML): skeleton, lengths and hinge axes with their uncertainty.
 
-    The next recording of the same person starts from it: vip-factors convert … --body ada.toml. What was found is
-    taken for likely then, and as sure as it is here, instead of what a stature tells.
+    It replaces the prior from stature in the next recording of the same person: vip-factors convert … --body ada.toml
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
-    """Estimate (.mcap) of a filmed wearer with a declared stature only."""
+    """Estimate (.mcap) of a filmed wearer."""
     wearer: str | None = None
-    """Name of the wearer, if there are several."""
+    """Name of the wearer; required if there are several."""
     out: Annotated[Path | None, Output(".toml")] = None
-    """Body file (.toml) to write; ESTIMATE.body.toml if absent."""
+    """Body file (.toml) to write; default: ESTIMATE.body.toml."""
 
 
 def main(options: BodyOptions) -> None:

@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CalibrateCameraOptions(WritingOptions):
-    """Find a camera's focal length, centre and distortion from a video of a checkerboard.
+    """Estimate a camera's focal length, principal point and distortion from a video of a checkerboard.
 
-    Film with the zoom, focus and size that you will use. Show the board from many sides, tilted by 30° and more, near
-    enough to fill a third of the image, and in the image's corners too. With --floor or --floor-image, an image in
-    which the board lies on the floor also tells where the camera stood and which way is up. Several cameras that see
-    the same board lie there, unmoved, stand in one world; it needs an odd and an even number of corners for that.
+    Film with the zoom, focus and image size of the recording. Show the board from many sides, tilted by 30° and more,
+    filling a third of the image, also in its corners. --floor or --floor-image names an image with the board on the
+    floor, which gives the camera's pose. Cameras that see the board in the same place share one world, if the board has
+    an odd and an even number of inner corners.
     """
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|CAMERA")]
-    """Video; or a camera file, to which --floor-image adds where the camera stands."""
+    """Video of the board; or a camera file, to which --floor-image adds the pose."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml"), Output(".toml")]
     """Camera file to write."""
     checkerboard: str
-    """Columns and rows of inner corners (one less than squares), such as 9x6."""
+    """Columns and rows of inner corners (squares minus one), such as 9x6."""
     square_m: float | None = None
-    """Side of a square in metres; needed for the floor only."""
+    """Side of a square in metres; required for the floor only."""
     floor: Literal["first", "last"] | None = None
-    """Of the frames that show the board, the one in which it lies on the floor."""
+    """Which of the frames that show the board shows it on the floor."""
     floor_image: Path | None = None
-    """Image of its own, of the same size, in which the board lies on the floor; instead of --floor."""
+    """Image of the same size that shows the board on the floor; replaces --floor."""
     distortion: Literal[0, 4, 5, 8] = 4
     """Number of distortion coefficients: 4 for most lenses, 8 for wide-angle ones."""
 

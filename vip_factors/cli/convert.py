@@ -50,19 +50,19 @@ class LogArguments(LogOptions):
 
 @dataclass(frozen=True)
 class ConvertOptions(LogArguments, WritingOptions):
-    """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
+    """Convert a sensor log to a recording (MCAP). LOG is a file, a folder, or the common start of the file names.
 
-    Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what
-    the columns mean with --columns. First guesses of both files come from --template.
+    --placement gives the sites of the sensors; without it, their names must state the sites. --columns describes a
+    table of unknown format. --template writes a first version of both files.
 
-    With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
-    convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap
+    --detections and --camera add the 2D poses of a video. Several wearers: convert each log, then join the recordings:
+    convert a.mcap both.mcap --join b.mcap
 
-    A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv.
+    Consecutive files of a session: convert 1.csv all.mcap --then 2.csv --then 3.csv
 
-    Several cameras: say --detections once for each, in any number. --camera, --video-rate, --keypoints, --first-frame
-    and --time-offset-s stand for all if said once, else for each in turn, --camera-path for those that are carried. A
-    sensor (--camera-imu) is on the first one.
+    Several cameras: repeat --detections for each. Give --camera, --video-rate, --keypoints, --first-frame and
+    --time-offset-s once for all cameras, or once for each in the same order, and --camera-path once for each carried
+    camera. --camera-imu belongs to the first camera.
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -70,20 +70,20 @@ class ConvertOptions(LogArguments, WritingOptions):
     out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None
     """Recording (.mcap) to write."""
     template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None
-    """Write no recording, but first guesses to correct: NAME_placement.toml, where the sensors sit, and for a table of
-    no known format NAME_columns.toml, what its columns mean."""
+    """Write a first version of NAME_placement.toml and, for a table of unknown format, NAME_columns.toml, instead of a
+    recording."""
     placement: Annotated[str | None, Input()] = None
-    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
-    OpenSense's mapping of sensors to a model's frames, .xml)."""
+    """Sites of the sensors: preset (sip6, tnt10, totalcapture13, mvn17) or placement file (.toml, .json, or OpenSense's
+    sensor mapping .xml)."""
     name: str | None = None
-    """Name of the recording; the log's own if absent."""
+    """Name of the recording; default: that of the log."""
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
-    """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
+    """Recording (.mcap) of another wearer at the same time. Repeatable."""
     camera_options: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(
         default_factory=CameraArguments
     )
     carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
-    """Name of a camera that is carried, though --static-camera is said of the others; may be said several times."""
+    """Name of a camera that is carried although --static-camera is given. Repeatable."""
 
 
 def main(options: ConvertOptions) -> None:

@@ -12,16 +12,16 @@ from vip_factors.ranges import NotNegativeInt, Range, Rate
 
 @dataclass(frozen=True)
 class DemoOptions(WritingOptions):
-    """Simulate a walk with unknown headings and careless mountings, reconstruct it, compare it, draw it."""
+    """Simulate a walk with unknown headings and mountings, reconstruct it, and compare and draw the result."""
 
     out: Path = Path("vip_factors_demo")
-    """Folder for the files; made if absent."""
+    """Folder for the files."""
     placement: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"
-    """Where the sensors sit."""
+    """Preset of sensor sites."""
     seconds: Annotated[float, Range(above=0, most=86_400)] = 12.0
     """Length of the walk, after a calibration pose of two seconds."""
     seed: NotNegativeInt = 0
-    """Of the sensors' errors."""
+    """Seed of the sensor errors."""
     frame_rate: Rate = 60.0
     """Frames per second of the reconstruction."""
 

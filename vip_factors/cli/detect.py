@@ -13,12 +13,12 @@ from vip_factors.io.settings import DetectSettings
 
 @dataclass(frozen=True)
 class DetectOptions(WritingOptions):
-    """Find the 2D poses of everybody in a video, and follow people from frame to frame.
+    """Detect and track the 2D poses of all people in a video.
 
-    The poses go into a file as MMPose writes them, with the keypoints' names, the frames' times and a number for each
-    person followed: convert --detections takes it. Needs: pip install 'vip-factors[detect]'.
+    The file has MMPose's format, with keypoint names, frame times and a track number per person, for convert
+    --detections. Needs: pip install 'vip-factors[detect]'.
 
-    The model is BlazePose, 33 keypoints, whose files are fetched once with pip; --model takes any other as ONNX.
+    The model is BlazePose with 33 keypoints, downloaded once with pip; --model uses another ONNX model.
     """
 
     video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]

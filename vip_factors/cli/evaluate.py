@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EvaluateOptions(WritingOptions):
-    """Compare an estimate with the truth: positions, orientations, path, headings, mountings, honesty.
+    """Compare an estimate with the truth: positions, orientations, path, calibration and consistency.
 
-    The first five lines are the summary, each with its alignment; main joints and sensors follow. Limbs that the truth
-    does not know are left out. --json FILE writes every metric, joint, length and sensor.
+    The summary names the alignment of each error; tables of joints and sensors follow. Limbs without truth are
+    excluded. --json FILE writes all metrics.
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     truth: Path | None = None
-    """Recording (.mcap) that holds the truth, or the true motion alone (.bvh …), whose times count from the same
-    instant; the estimate's own file if the recording is in it."""
+    """Recording (.mcap) with the truth, or a true motion (.bvh …) that starts at the same time; default: the recording
+    in the estimate's file."""
     json: Annotated[Path | None, Output()] = None
-    """Also write everything to this file, as JSON."""
+    """JSON file for all metrics."""
 
 
 def main(options: EvaluateOptions) -> None:

@@ -13,21 +13,20 @@ from vip_factors.errors import InputError
 
 @dataclass(frozen=True)
 class GaitOptions(WritingOptions):
-    """Find foot strikes, toe-offs and strides, and write their figures: strides.csv, figures.csv, curves.csv (joint
-    angles over the cycle), gait.json and gait.png.
+    """Detect strides and write their parameters: strides.csv, figures.csv, curves.csv (joint angles over the cycle),
+    gait.json and gait.png.
 
-    With the recording, sensors on the feet tell events and lengths; without it, or without such sensors, the motion of
-    the legs does.
+    Events and lengths come from the foot sensors if --recording is given, otherwise from the motion of the legs.
     """
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE|RECORDING")]
     """Estimate (.mcap), or a recording (.mcap), which is reconstructed first."""
     recording: Path | None = None
-    """Recording (.mcap) that the estimate was made from; the estimate's own file if the recording is in it."""
+    """Recording (.mcap) of the estimate; default: the one in the estimate's file."""
     count: tuple[Literal["start", "stop", "turn", "pause"], ...] = ()
-    """Strides that are in the means as well: those that start or stop a walk, turns, pauses."""
+    """Kinds of strides to include in the means."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Folder to write to, made if need be; beside the first file, ending in .gait, if not given."""
+    """Folder to write; default: beside the first file, ending in .gait."""
 
 
 def main(options: GaitOptions) -> None:

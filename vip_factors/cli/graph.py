@@ -15,10 +15,9 @@ from vip_factors.settings import Settings
 
 @dataclass(frozen=True)
 class GraphOptions(SettingsOptions, WritingOptions):
-    """Draw the factor graph of a recording or scene: three frames of it, and how many variables and factors there are.
+    """Draw three frames of a recording's factor graph, and count its variables and factors.
 
-    It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame. Graphviz
-    lays the picture out; without it a .dot file is written.
+    The graph is that of the calibration, at the calibration rate. Without Graphviz a .dot file is written.
 
     Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
     """
@@ -26,9 +25,9 @@ class GraphOptions(SettingsOptions, WritingOptions):
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
     picture: Annotated[Path | None, Output(".svg")] = None
-    """Picture (.svg) to write; RECORDING.graph.svg if absent."""
+    """Picture (.svg) to write; default: RECORDING.graph.svg."""
     frame: Annotated[int | None, Range(least=0)] = None
-    """First of the three frames to draw, from 0; the middle of the recording if absent."""
+    """First of the three frames, counted from 0; default: the middle of the recording."""
     settings: Annotated[Settings, UNPREFIXED] = field(default_factory=Settings)
 
 

@@ -18,18 +18,18 @@ READ_S = 300.0  # seconds of a recording that are read: of longer ones the index
 
 @dataclass(frozen=True)
 class InfoOptions:
-    """Say what a recording, an estimate or a motion holds: who, which sensors, how long, with which gaps.
+    """Summarise a recording, an estimate or a motion: wearers, sensors, duration and gaps.
 
-    Of a scene also what filmed it, and how much of whom a detector saw there. Of a recording without a camera that
-    lasts more than five minutes the file's index tells, and its samples are not read.
+    A scene also lists cameras and detections. For a recording without a camera above five minutes, only the file's
+    index is read.
     """
 
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
     """Recording or estimate (.mcap), or motion (.bvh …)."""
     sites: Flag = False
-    """Instead of a file, say where on the body sensors may be placed by name, and how their axes are taken to lie."""
+    """Print the sensor sites and their default axes, instead of a file."""
     verbose: Flag = False
-    """Of an estimate also how each solve went: steps, and the cost before and after."""
+    """Also print the iterations and costs of each solve of an estimate."""
 
 
 def main(options: InfoOptions) -> None:

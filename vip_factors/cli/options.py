@@ -217,11 +217,11 @@ class ManyOptions(WritingOptions):
     """Options of the commands that work on folders and globs of recordings too."""
 
     jobs: Annotated[int, Range(least=1)] = 1
-    """Processes at a time, for many recordings or long ones."""
+    """Number of parallel processes, for many or long recordings."""
     cluster: str | None = None
-    """Dask scheduler: tcp://host:8786, or its file."""
+    """Dask scheduler: tcp://host:8786, or its scheduler file."""
     summary: Annotated[Path | None, Output(may_exist=True)] = None
-    """Table (.csv) of many recordings."""
+    """Summary table (.csv), one row per recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,7 +230,7 @@ class SettingsOptions:
 
     none_is_a_value: ClassVar = True
     settings_file: Annotated[Path | None, tyro.conf.arg(name="settings")] = None
-    """TOML file with settings; a table for each group, such as [solve]. Options win over it."""
+    """TOML file with settings, one table per group, such as [solve]. Options override it."""
 
 
 def check_outputs(options: Any) -> None:

@@ -12,7 +12,7 @@ from vip_factors.cli.terminal import say, waiting
 
 @dataclass(frozen=True)
 class RepetitionOptions(WritingOptions):
-    """Find squats, lunges, jumps and curls, and write when each began and ended, its depth, tempo, ranges and symmetry:
+    """Count squats, lunges, jumps and curls, and write their times, depth, tempo, ranges and symmetry into
     repetitions.csv, repetitions.json and repetitions.png.
 
     Standard deviations need an estimate made without --no-covariance.
@@ -21,7 +21,7 @@ class RepetitionOptions(WritingOptions):
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Folder to write to, made if need be; beside the estimate, ending in .repetitions, if not given."""
+    """Folder to write; default: beside the estimate, ending in .repetitions."""
 
 
 def main(options: RepetitionOptions) -> None:

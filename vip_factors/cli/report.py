@@ -18,28 +18,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReportOptions(WritingOptions):
-    """Write an estimate as one HTML page: what was found, how sure it is, what it means, and the motion to turn around.
+    """Write one HTML page: verdict, findings, results with uncertainty, and a 3D view.
 
-    The page needs no network. With the recording it also tells of sensors, gaps and video.
+    The page needs no network. --recording adds sensors, gaps and video.
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     recording: Path | None = None
-    """Recording (.mcap) that it was made from; the estimate's own file if the recording is in it."""
+    """Recording (.mcap) of the estimate; default: the one in the estimate's file."""
     truth: Path | None = None
-    """Recording (.mcap) whose truth to compare with, if it is not the one above."""
+    """Recording (.mcap) with the truth; default: --recording."""
     video: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="[FILM …]")] = None
-    """Also write a film of each camera beside the page (.mp4): skeletons over the recording's videos, or over those in
-    files, one for each camera; needs vip-factors[film]."""
+    """Also write a film (.mp4) for each camera, with skeletons over the given videos or those of the recording; needs
+    vip-factors[film]."""
     video_height: Annotated[int, Range(least=64, most=2160)] = 480
-    """Pixels, of the film."""
+    """Height of the film in pixels."""
     video_seconds: tuple[float, float] | None = None
-    """First and last second of the recording that the film shows; all of it if not given."""
+    """First and last second of the film; default: the whole recording."""
     out: Annotated[Path | None, Output(".html")] = None
-    """Where to write the page; beside the estimate if not given."""
+    """Page (.html) to write; default: beside the estimate."""
     fail_on: FailOn = "never"
-    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
+    """Exit with code 3 if the verdict is this or worse; files are written anyway."""
 
 
 def main(options: ReportOptions) -> None:

@@ -23,59 +23,60 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunOptions(LogArguments):
-    """From a video and the sensors' log to motion, in one command: run --video walk.mp4 --log xsens/ --placement p.toml
+    """Reconstruct motion from videos and sensor logs in one command: run --video walk.mp4 --log xsens/ --placement
+    p.toml
 
-    It does what these commands do, one after another, and keeps each one's file in a folder: detect, convert, sync,
-    smooth, report, export. What is there already is used again, unless its inputs or options have changed.
+    Runs detect, convert, sync, smooth, report and export, and writes their files into one folder. A later run repeats
+    only the steps whose inputs or options changed.
 
-    Several wearers: say --log and --placement once for each, in the same order. With --detections the video itself is
-    not needed, and with neither of the two the sensors are alone.
+    Several wearers: repeat --log and --placement, in the same order. Without --video and --detections, only the sensors
+    are used.
     """
 
     log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
-    """File or folder of a wearer's sensors, in any format that convert reads."""
+    """Sensor log of a wearer: file or folder in any format of convert."""
     placement: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PLACEMENT")] = ()
-    """Where they sit: placement file (.toml, .json) or preset (sip6, tnt10, totalcapture13, mvn17); absent, the
-    sensors' names must tell. The file may also hold the wearer's name, stature and initial pose."""
+    """Sites of the sensors: placement file (.toml, .json) or preset (sip6, tnt10, totalcapture13, mvn17); default: from
+    the names of the sensors. The file may also hold the wearer's name, stature and initial pose."""
     video: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="VIDEO")] = ()
-    """Video of the wearers; say it once for each camera."""
+    """Video of the wearers, once for each camera."""
     camera: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="CAMERA")] = ()
-    """Camera file (vip-factors calibrate-camera makes one), of all cameras or of each in turn; without it the focal
-    length is estimated."""
+    """Camera file from vip-factors calibrate-camera, once for all cameras or once for each; default: the focal length
+    is estimated."""
     out: Path | None = None
-    """Folder for all files, made if it is not there; VIDEO_motion beside the video if absent."""
+    """Folder for all files; default: VIDEO_motion beside the video."""
     export: Annotated[
         tuple[Path, ...], Output(may_exist=True), tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")
     ] = ()
-    """File of another program to write in the end; the suffix tells the format. May be said several times."""
+    """Export file; the suffix selects the format. Repeatable."""
     report: bool = True
-    """Write report.html, a page that tells what was found."""
+    """Write report.html, a page with the verdict, the results and a 3D view."""
     static_camera: Flag = False
     """The camera stands still."""
     carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
-    """Name of a camera, which is that of its video, that is carried, though --static-camera is said of the others."""
+    """Name of a camera (its video file without suffix) that is carried although --static-camera is given."""
     camera_path: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH")] = ()
-    """Path of a camera that is carried, from ARKit, ARCore or SLAM (TUM format); say it once for each of them."""
+    """Path of a carried camera from ARKit, ARCore or SLAM (TUM format), once for each carried camera."""
     time_offset_s: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
-    """Seconds to add to a video's times to get the sensors', if you know them; absent, sync finds them."""
+    """Seconds to add to the video's times to match the sensors; default: sync estimates them."""
     detections: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="POSES")] = ()
-    """2D poses that were found before, instead of detecting; say it once for each camera."""
+    """2D poses of an earlier detection, once for each camera; the detector does not run."""
     video_rate: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
-    """Frames a second of these, if neither they nor a video tell their times."""
+    """Frames per second of --detections, if neither they nor a video give times."""
     overlay: Flag = False
-    """Also write poses.mp4, the video with the 2D poses drawn over it."""
+    """Also write poses.mp4, the video with the 2D poses."""
     detect_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """More options of vip-factors detect, as one word behind =, such as --detect-options="--model rtmpose.onnx"."""
+    """Further options of vip-factors detect, quoted after =: --detect-options="--model rtmpose.onnx"."""
     convert_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """The same of vip-factors convert, for every log: --convert-options="--camera-imu phone"."""
+    """Further options of vip-factors convert, for every log: --convert-options="--camera-imu phone"."""
     smooth_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """The same of vip-factors smooth."""
+    """Further options of vip-factors smooth."""
     assign: Flag = False
-    """Take sensors for one another that are found in each other's places."""
+    """Exchange sensors that are listed in each other's place."""
     fail_on: FailOn = "never"
-    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
+    """Exit with code 3 if the verdict is this or worse; files are written anyway."""
     overwrite: Flag = False
-    """Replace files that were there before and are not of an earlier run."""
+    """Replace files that an earlier run did not write."""
 
 
 def main(options: RunOptions) -> None:

@@ -21,33 +21,33 @@ PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
 
 @dataclass(frozen=True)
 class SimulateOptions(WritingOptions):
-    """Make a recording with known truth from a motion: what sensors on that person would have measured.
+    """Simulate the sensors of a moving person, as a recording with known truth.
 
-    With --camera it becomes a scene: one or more wearers, bystanders, a camera, and what a 2D pose detector would
-    have found in its video.
+    --camera adds cameras and simulated 2D detections; --also and --bystanders add people.
     """
 
     none_is_a_value: ClassVar = True
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
-    """Motion file (.bvh …), or the words gestures and walk (straight on) for motions that the package makes."""
+    """Motion file (.bvh …), or a synthetic motion: gestures, or walk (straight ahead)."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")]
     """Recording (.mcap) to write."""
     placement: PresetName = "totalcapture13"
-    """Where the sensors sit."""
+    """Preset of sensor sites."""
     seed: NotNegativeInt = 0
-    """Of all errors: the same seed gives the same recording."""
+    """Seed of all random errors; the same seed gives the same recording."""
     initial_pose: Literal["none", "n-pose", "t-pose"] = "n-pose"
     """Calibration pose that the person holds before the motion."""
     pose_error_deg: float = 3.0
-    """How imperfectly that pose is held, sigma of each joint and axis; 3 add up to 10 to 15 at the hands."""
+    """Standard deviation of the calibration pose in degrees, for each joint and axis; 3 gives 10 to 15 at the hands."""
     seconds: Annotated[float | None, Range(above=0, most=86_400)] = None
-    """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
+    """Duration in seconds; default: 20 for synthetic motions, the file's duration otherwise. With a camera, files are
+    repeated or cut to it."""
     noise_free: Flag = False
-    """Perfect sensors instead of realistic ones; error options given besides are ignored."""
+    """Sensors without errors; error options are ignored."""
     also: Annotated[tuple[str, ...], Input()] = ()
-    """Motions of further wearers, as MOTION."""
+    """Motions of further wearers, as for MOTION."""
     bystanders: int = 0
-    """People without sensors in the scene; they repeat the motions of the wearers, elsewhere and out of step."""
+    """Number of people without sensors; they repeat the wearers' motions at other places and times."""
     film: Annotated[FilmSettings, UNPREFIXED] = field(default_factory=partial(FilmSettings, camera=None))
     errors: Annotated[SimulateSettings, UNPREFIXED] = field(default_factory=SimulateSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)

@@ -18,19 +18,18 @@ from vip_factors.settings import Settings
 class SmoothOptions(SettingsOptions, ManyOptions):
     """Reconstruct a recording: motion, headings and mountings of the sensors, as an estimate file.
 
-    With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
-    What is longer than --windows.above-s is read and solved window by window, in the memory of one.
+    With cameras, all wearers and the cameras' paths are in one world. Without, each wearer is solved alone. Recordings
+    longer than --windows.above-s are solved in windows.
 
-    Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
+    Every setting is an option; --settings reads a file, and options override it.
     """
 
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
-    """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one
-    recording that follow one another in time."""
+    """Recording (.mcap) from vip-factors convert. Several recordings without a camera are consecutive parts of one."""
     out: Annotated[Path | None, Output(".mcap")] = None
-    """Estimate (.mcap) to write; RECORDING.estimate.mcap if absent."""
+    """Estimate (.mcap) to write; default: RECORDING.estimate.mcap."""
     fail_on: FailOn = "never"
-    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
+    """Exit with code 3 if the verdict is this or worse; files are written anyway."""
     settings: Annotated[Settings, UNPREFIXED] = field(default_factory=Settings)
 
 

@@ -43,7 +43,7 @@ INSTEAD_OF_A_WINDOW = "--rerun-save FILE.rrd or --rerun-connect URL instead of -
 
 @dataclass(frozen=True)
 class StreamOptions(SettingsOptions, ManyOptions):
-    """Track a stream: every frame is answered with the newest pose, and with the smoothed one of a lag earlier.
+    """Track people live. Each frame gives the newest pose, and the smoothed pose of a lag earlier.
 
     SOURCE is one of:
     - FILE.mcap: a recording, played back, or followed while another program writes it (--follow).
@@ -52,42 +52,42 @@ class StreamOptions(SettingsOptions, ManyOptions):
 
     Example: vip-factors stream ws://:5005 --web 8080 --out walk.estimate.mcap
 
-    Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the tracker is an option. The file
-    of --settings holds them too, and options win over it.
+    Ctrl-C or SIGTERM ends the stream and completes the files. Every setting is an option; --settings reads a file, and
+    options override it.
     """
 
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]
     """Where samples come from."""
     out: Annotated[Path | None, Output(".mcap")] = None
-    """Estimate (.mcap) to write as it goes: FILE.partial.mcap until the stream ends, readable even after a crash."""
+    """Estimate (.mcap) to write; FILE.partial.mcap until the stream ends, readable after a crash."""
     json: Flag = False
-    """Write a line of JSON a frame to standard output."""
+    """Write one line of JSON per frame to standard output."""
     rerun: Flag = False
-    """Open Rerun's viewer and show it all."""
+    """Show the stream in Rerun."""
     rerun_save: Annotated[Path | None, RERUN_FILE] = None
     """Rerun file (.rrd) to write."""
     rerun_connect: str | None = None
-    """Show it in a viewer or a server of Rerun's that runs already, at rerun+http://127.0.0.1:9876/proxy say."""
+    """Address of a running Rerun viewer or server, such as rerun+http://127.0.0.1:9876/proxy."""
     web: Port | None = None
-    """Port of a live page for browsers; /stream there is a WebSocket with the answers as JSON."""
+    """Port of the web page; its /stream is a WebSocket with the answers as JSON."""
     web_host: str = "127.0.0.1"
-    """Address of it: 127.0.0.1 for this machine, 0.0.0.0 for its networks, to whoever has the token."""
+    """Address of --web: 127.0.0.1 for this machine, 0.0.0.0 for all networks, with a token."""
     vmc: str | None = None
-    """Send VMC messages for avatars to host:port (Unity, Unreal, Blender, VSeeFace … listen on 39539); of several
-    wearers the second is sent to the next port, and so on."""
+    """Send VMC messages for avatars to host:port (receivers usually use 39539); each further wearer uses the next
+    port."""
     sent_pose: SentPose = SentPose.NEWEST
-    """Pose that VMC messages have: the newest, or the smoothed one, a lag later but without corrections."""
+    """Pose in VMC messages: newest, or smoothed, which is one lag later."""
     real_time: Flag = False
-    """Play a recording back in its own time instead of as fast as it can be tracked."""
+    """Play a recording in real time instead of as fast as possible."""
     follow: Flag = False
-    """Wait for more at the end of the file: another program still writes it."""
+    """Follow a file that another program is writing."""
     lag: float | None = None
     """Seconds between the newest pose and the smoothed one; the same as --lag-s."""
     fail_on: FailOn = "never"
-    """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
+    """Exit with code 3 if the verdict is this or worse; files are written anyway."""
     token_file: Path | None = None
-    """File with a secret that senders and readers over the network must have; or the environment variable
-    VIP_FACTORS_TOKEN. Without one, only this machine is served, or a secret is generated and printed."""
+    """File with the token that network clients must send; default: the environment variable VIP_FACTORS_TOKEN, or a
+    generated token for networks and none on this machine."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
     settings: Annotated[LiveSettings, UNPREFIXED] = field(default_factory=LiveSettings)
 

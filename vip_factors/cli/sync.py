@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SyncOptions(WritingOptions):
-    """Find the offset between the clocks of video and sensors, and write a copy of the scene that holds it.
+    """Estimate the offset between the clocks of video and sensors, and write it into a copy of the scene.
 
-    The offset is the seconds to add to the video's times, estimated from the motion of people. If it is not determined,
-    a message says so and nothing is written. Over a minute or more the drift of the clocks is estimated too.
+    The offset, in seconds to add to the video's times, is estimated from the motion of people. If the motion does not
+    determine it, an error names the reason and no file is written. Above one minute the clock drift is estimated too.
     """
 
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Scene (.mcap): sensors, and a camera with detections."""
     out: Annotated[Path | None, Output(".mcap")] = None
-    """Scene (.mcap) to write; SCENE.synced.mcap if absent."""
+    """Scene (.mcap) to write; default: SCENE.synced.mcap."""
     seconds: float | None = None
-    """The offset, if you know it: it is written as it is."""
+    """Known offset in seconds; it is written without an estimate."""
     dry_run: Flag = False
-    """Only tell what was found; write no scene."""
+    """Print the estimate and write no file."""
     max_offset: float = MAX_OFFSET_S
-    """Offsets to look at, seconds either way."""
+    """Largest offset to search, in seconds in both directions."""
 
 
 def main(options: SyncOptions) -> None:

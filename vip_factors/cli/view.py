@@ -17,10 +17,10 @@ INSTEAD_OF_A_WINDOW = "--save FILE.rrd or --picture"
 
 @dataclass(frozen=True)
 class ViewOptions(WritingOptions):
-    """Look at a recording or scene, an estimate, or both together, in Rerun's viewer or as files.
+    """Show recordings and estimates in Rerun, or write them as a file or picture.
 
-    Give the recording beside the estimate to see the sensors and the truth if it is known; of a
-    scene also the video, who was assigned to what, and the estimated bodies over the image.
+    With an estimate and its recording, the viewer also shows sensors, truth, video, assigned detections and bodies over
+    the image.
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
@@ -28,7 +28,7 @@ class ViewOptions(WritingOptions):
     save: Annotated[Path | None, RERUN_FILE] = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
     picture: Annotated[Path | None, Output(".png")] = None
-    """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
+    """Write a picture (.png): poses in a row, or frames of the video; needs no display."""
 
 
 def main(options: ViewOptions) -> None:

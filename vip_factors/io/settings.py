@@ -21,12 +21,12 @@ class LiveSourceSettings:
 
     # Two wearers of 13 sensors at 100 Hz send 2,600 a second: a start-up of a second and a half loses nothing.
     queue_limit: int = 4096
-    """Samples that wait for the tracker before some are dropped."""
+    """Maximum number of queued samples; further samples are dropped."""
     # Recorders flush several times a second; a minute of slack for the operating system would only delay the end.
     growth_wait: float = 10.0
-    """Seconds that a file may take to appear, and without growth after which it counts as finished."""
+    """Seconds to wait for a file to appear, and without growth until it counts as complete."""
     next_client_wait: Annotated[float | None, Range(least=0)] = None
-    """Seconds that a server waits for another client after its last one has gone; until Ctrl-C if absent."""
+    """Seconds that a server waits for another client after the last one disconnects; default: until Ctrl-C."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "limits.")
@@ -40,36 +40,34 @@ class LogOptions:
     """What is known of a log and its wearer."""
 
     columns: Path | None = None
-    """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
-    sensor, in which unit."""
+    """Column map (.toml) of a table of unknown format: the quantity, sensor and unit of each column."""
     rate_hz: float | None = None
-    """Samples per second of a table or an Xsens export, if it has no times and states no rate, or wrong ones."""
+    """Samples per second of a table or an Xsens export whose times or rate are missing or wrong."""
     stature_m: float | None = None
-    """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
+    """Height of the wearer in metres, without shoes; default: that of an average adult, with a note."""
     mass_kg: float | None = None
-    """Mass of the wearer in kilograms; it tells widths, mostly."""
+    """Mass of the wearer in kilograms; it mostly affects widths of the body."""
     sex: Literal["male", "female"] | None = None
-    """Whose proportions the wearer is likely to have; those of both together if absent."""
+    """Sex of the wearer, for the proportions of the body; default: the average of both."""
     segment_lengths_m: dict[str, float] = field(default_factory=dict)
-    """Measured lengths in metres, such as: thigh 0.43 shank 0.42; all others follow."""
+    """Measured segment lengths in metres, such as: thigh 0.43 shank 0.42; the others are estimated from these."""
     subject: str | None = None
     """Name of the wearer."""
     body: Path | None = None
-    """Body file (.toml) that vip-factors body wrote of the wearer before, instead of stature, sex and lengths."""
+    """Body file (.toml) of the wearer from vip-factors body; replaces stature, sex and lengths."""
     initial_pose: Literal["t-pose", "n-pose", "none"] | None = None
-    """What the wearer held at the first moment kept."""
+    """Pose that the wearer holds at the start of the recording."""
     pose_from: str | None = None
-    """The initial pose was held in another log of the same sensors, or in one sample (1 is the first) of that log or of
-    this one, facing anywhere; it is put before the recording."""
+    """Another log of the same sensors, or one sample of a log (1 is the first), in which the initial pose was held. Its
+    samples are placed before the recording."""
     start_s: float | None = None
-    """Seconds of the log to leave out before."""
+    """Seconds to skip at the start of the log."""
     end_s: float | None = None
-    """Second of the log to end at."""
+    """Second of the log at which the recording ends."""
     format: str | None = None
-    """Format of the log; found by its content if absent."""
+    """Format of the log; default: detected from the content."""
     then: tuple[Path, ...] = ()
-    """Log of the same sensors that follows in time, as a part of the same recording; the pause between them stays. May
-    be said several times."""
+    """Log of the same sensors that continues this one in time; the pause between them remains. Repeatable."""
 
 
 @dataclass(frozen=True)
@@ -77,42 +75,42 @@ class CameraOptions:
     """Camera that filmed a scene: the 2D poses are needed, the rest is optional."""
 
     detections: Path | None = None
-    """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
+    """2D poses: folder of OpenPose, or .json file of AlphaPose, MMPose or COCO results."""
     camera: Path | None = None
-    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
-    Calib.toml:cam_01. Without a file the focal length is estimated."""
+    """Camera file (.toml) with the intrinsics, from vip-factors calibrate-camera or Pose2Sim (Calib.toml:cam_01).
+    Default: the focal length is estimated."""
     keypoints: str | None = None
-    """Keypoints of the 2D poses: coco17, openpose18, body25, body25b, halpe26, blazepose33; by their number if
-    absent."""
+    """Keypoint set: coco17, openpose18, body25, body25b, halpe26, blazepose33; default: from their number."""
     video_rate: MaybeRate = None
-    """Frames per second of the video, if the video is not given and the 2D poses have no times."""
+    """Frames per second of the video; required if neither --video nor the 2D poses give times."""
     first_frame: int | None = None
-    """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
+    """Number of the video's first frame in the 2D poses; default: that of the format."""
     static_camera: bool = False
     """The camera stands still: one pose for the whole recording."""
     known_camera_pose: bool = False
     """Take the static camera's pose over the floor from the camera file."""
     camera_path: Path | None = None
-    """Path of a carried camera, from ARKit, ARCore or SLAM (TUM: time x y z qx qy qz qw; seconds of the video)."""
+    """Path of a carried camera from ARKit, ARCore or SLAM (TUM format: time x y z qx qy qz qw; times in seconds of the
+    video)."""
     scale_free_path: bool = False
-    """That path has no metric scale, as monocular SLAM has none: the scale is estimated."""
+    """The scale of --camera-path is unknown, as in monocular SLAM, and is estimated."""
     camera_imu: str | None = None
-    """Name of the sensor that is on the camera, among those of the logs."""
+    """Name of the sensor on the camera."""
     camera_imu_log: Path | None = None
-    """Log of the sensor on the camera, if it has one of its own; --camera-imu names the sensor if it has several."""
+    """Separate log of the sensor on the camera; if it holds several sensors, --camera-imu selects one."""
     camera_imu_columns: Path | None = None
-    """Column map (.toml) of that log, if it is a table of no known format."""
+    """Column map (.toml) of --camera-imu-log, if it is a table of unknown format."""
     camera_imu_offset_s: float | None = None
-    """Seconds to add to that log's times to get the wearers' sensors'; by absolute times if absent."""
+    """Seconds to add to the times of --camera-imu-log to match the other sensors; default: from absolute times."""
     camera_imu_wxyz: tuple[float, float, float, float] | None = None
-    """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion (1 0 0 0: its axes
-    are the camera's); found from the data if absent."""
+    """Approximate rotation from the axes of the sensor on the camera to the camera's axes (x right, y down, z forward),
+    as a quaternion w x y z; default: estimated."""
     time_offset_s: float = 0.0
-    """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
+    """Seconds to add to the video's times to match the sensors; vip-factors sync estimates them."""
     video: Path | None = None
-    """Video, for viewing, for the times of its frames, and for the colours of clothes, which distinguish people."""
+    """Video, for viewing, for the frame times, and for the colours of clothes, which help to identify people."""
     embed_video: bool = False
-    """Put small images of the video into the recording, for viewing anywhere."""
+    """Store small images of the video in the recording, for viewing without the video file."""
     camera_name: str = "camera"
     """Name of the camera in the recording."""
 
@@ -178,13 +176,13 @@ class LengthUnit(StrEnum):
 
 @dataclass(frozen=True)
 class BvhSettings:
-    """Axes and unit of a BVH file, which cannot say them itself."""
+    """Axes and unit of a BVH file."""
 
     up: UpAxis = UpAxis.Y
-    """Axis that points up: y is the default of Blender's importer and most programs; with z the numbers are
-    those of the estimate's world (in Blender, choose Forward Y and Up Z then)."""
+    """Axis that points up: y is the default of Blender's importer and most programs; z keeps the axes of the estimate
+    (in Blender, choose Forward Y and Up Z)."""
     unit: LengthUnit = LengthUnit.METRES
-    """Unit of length: metres come out in true size in Blender; Maya and MotionBuilder expect centimetres."""
+    """Unit of length: Blender expects metres; Maya and MotionBuilder expect centimetres."""
 
 
 class TimeZero(StrEnum):
@@ -200,21 +198,19 @@ class ExportSettings:
     """Options of writing an estimate in another program's format."""
 
     wearer: str | None = None
-    """Export this wearer only, by name; of a format that holds one person, each wearer gets a file of its own."""
+    """Name of the only wearer to export; default: all, in one file each for formats that hold one person."""
     frame_rate: MaybeRate = None
-    """Frames a second of the file; those of the estimate if absent, for then no frame is interpolated."""
+    """Frames per second of the file; default: those of the estimate, without interpolation."""
     zero: TimeZero = TimeZero.RECORDING
-    """Zero of the times in .csv, .trc, .mot, .sto and .c3d: the recording's first sample; that of the log's own time
-    column (log), to lie beside a force plate on the same clock; or 1970-01-01 UTC (absolute)."""
+    """Zero of the times in .csv, .trc, .mot, .sto and .c3d: the first sample (recording); the zero of the log's time
+    column (log), to match a force plate on the same clock; or 1970-01-01 UTC (absolute)."""
     recording: Path | None = None
-    """Recording (.mcap) that the estimate was made from: a .pkl takes its 2D poses and the times of the video frames
-    from it; no other format needs it."""
+    """Recording (.mcap) of the estimate, for the 2D poses and video times in .pkl; other formats ignore it."""
     bone_names: BoneNames = BoneNames.SMPL
-    """Names of the bones in .bvh, .glb and .fbx: smpl (pelvis, left_hip, …), those of all other files of this package;
-    humanik (Hips, LeftUpLeg, …), which MotionBuilder and retargeting add-ons map by themselves; mixamo (the same
-    after mixamorig:), unity (its Humanoid's), unreal (its mannequins': thigh_l, …). Rest pose and axes of the bones
-    in .glb and .fbx are the program's too."""
+    """Bone names in .bvh, .glb and .fbx: smpl (pelvis, left_hip, …); humanik (Hips, LeftUpLeg, …), which MotionBuilder
+    and retargeting add-ons recognise; mixamo (mixamorig:Hips, …); unity (Humanoid); unreal (mannequin: thigh_l, …).
+    They also set the rest pose and bone axes in .glb and .fbx."""
     plant_feet: bool = True
-    """Feet that stand neither slide nor float in .bvh, .glb and .fbx: legs follow them by inverse kinematics, by a few
-    centimetres; without it, the files have the joints of the estimate exactly."""
+    """Keep standing feet still and on the floor in .bvh, .glb and .fbx, by inverse kinematics; joints move by a few
+    centimetres. Off: the joints of the estimate."""
     bvh: BvhSettings = field(default_factory=BvhSettings)

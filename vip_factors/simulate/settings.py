@@ -1,4 +1,4 @@
-"""Errors of simulated sensors, 2D pose detectors and cameras: each with its unit in its name and a reason beside it.
+"""Errors of simulated sensors, 2D pose detectors and cameras.
 
 "Measured" at the detector: OpenPose (BODY_25B) on the 4 cameras of Pose2Sim's balancing trial, 100 frames at 60 Hz, a
 person of about 850 pixels, 8306 keypoints without the nose, against the reprojection of the 3D points triangulated from
@@ -34,26 +34,26 @@ class SimulateSettings:
     force and angular rate all follow).
     """
 
-    imu_rate: Rate = 100.0  # Hz; Xsens Awinda sends 60–100 Hz
-    phases: bool = True  # sensors sample at their own instants within a period, as unsynchronised ones do
-    angular_rate: bool = True  # whether the streams carry a gyroscope
-    # Mocap jitter, zero phase, 4th order: the usual gait cutoff, with which walks of the CMU collection have the 3 m/s²
-    # at the pelvis that a real sensor shows; at 10 Hz their jitter adds half as much again.
+    imu_rate: Rate = 100.0  # samples per second; Xsens Awinda: 60–100
+    phases: bool = True  # each sensor samples at another instant within a period
+    angular_rate: bool = True  # simulate gyroscopes
+    # Cutoff in Hz of the zero-phase low-pass filter on the motion, which removes motion capture jitter (6 Hz is usual
+    # for gait); none: unfiltered.
     lowpass_hz: MaybeRate = 6.0
 
-    heading_offset_deg: NotNegative = 0.0  # uniform in ±; ask for it: the papers' experiment is ±45
-    heading_drift_deg: float = 1.0  # random walk, degrees per √minute: consumer magnetometer-free filters, 1–5
-    mounting_error_deg: NotNegative = 0.0  # of the placement's mounting; 10–15 for a careless calibration pose
-    position_error_m: float = 0.01  # of the placement's position: straps sit a centimetre off the table's place
+    heading_offset_deg: NotNegative = 0.0  # largest heading of a sensor, degrees; uniform in ±. The papers use 45
+    heading_drift_deg: float = 1.0  # random walk of the heading, degrees per √minute; consumer sensors: 1–5
+    mounting_error_deg: NotNegative = 0.0  # standard deviation of the mounting per axis, degrees
+    position_error_m: float = 0.01  # standard deviation of the sensor position per axis, m
 
-    attitude_error: NotNegative = 1.0  # of the filter, over a second or two: 2.5° of heading, 1° of tilt
-    skin: NotNegative = 1.0  # slow motion on the bone, as muscles and skin follow the steps: 2° and 4 mm at a thigh
-    wobble: float = 1.0  # strength of the sprung response to impacts (see recording.py)
-    white_noise: NotNegative = 1.0  # from sample to sample: 0.3°, 0.3 m/s², 0.5 °/s
-    bias: NotNegative = 1.0  # over minutes: 0.05 m/s² and 0.1 °/s
+    attitude_error: NotNegative = 1.0  # strength of the slow orientation error: 1 is 2.5° of heading, 1° of tilt
+    skin: NotNegative = 1.0  # strength of soft tissue motion: 1 is 2° and 4 mm at a thigh
+    wobble: float = 1.0  # strength of strap oscillation after impacts
+    white_noise: NotNegative = 1.0  # strength of white noise: 1 is 0.3°, 0.3 m/s², 0.5 °/s
+    bias: NotNegative = 1.0  # strength of slow bias: 1 is 0.05 m/s² and 0.1 °/s
 
-    packet_loss: Annotated[float, Range(least=0, most=0.99)] = 0.002  # share of single samples lost; Awinda indoors
-    gap_s: float = 0.25  # length of one longer gap per sensor, when the body blocks the radio
+    packet_loss: Annotated[float, Range(least=0, most=0.99)] = 0.002  # share of lost samples
+    gap_s: float = 0.25  # duration of one longer gap per sensor, s
 
     def __post_init__(self) -> None:
         check_ranges(self, zero=True)
@@ -70,16 +70,16 @@ class SimulateSettings:
 class DetectorSettings:
     """Errors of a simulated detector; by default one such as OpenPose on ordinary video.
 
-    All but the bias are strengths: 1 is what was measured (see above) or, of several people, what is ours, 0 is none.
+    All but the bias are strengths: 1 is usual, 0 is none.
     """
 
-    bias_m: NotNegative = 0.012  # each axis of the bone, constant for a person: detectors' hips differ by 1–2 cm
-    error: NotNegative = 1.0  # of keypoints in the image: 0.34 units an axis of a sure one, seconds to frames long
-    doubt: NotNegative = 1.0  # with which confidence falls and errors grow
-    missed: NotNegative = 1.0  # keypoints not found: 0.5 % in plain sight, 60 % behind somebody else
-    swapped: NotNegative = 1.0  # left for right, arms or legs: 4 % of the time from the side, 2 % from behind
-    mixed: NotNegative = 1.0  # of the time two people overlap: 15 % one detection of both, 10 % limbs exchanged
-    people: NotNegative = 1.0  # somebody in sight not found, 1 % of the time; nobody found, 0.03 a frame
+    bias_m: NotNegative = 0.012  # constant keypoint offset per person and axis, standard deviation in m
+    error: NotNegative = 1.0  # strength of keypoint errors in the image: 1 is 0.34 OKS sigmas per axis
+    doubt: NotNegative = 1.0  # strength of confidence loss and larger errors
+    missed: NotNegative = 1.0  # strength of missed keypoints: 1 is 0.5 % visible, 60 % behind another person
+    swapped: NotNegative = 1.0  # strength of left-right swaps: 1 is 4 % of the time from the side, 2 % from behind
+    mixed: NotNegative = 1.0  # strength of mixed people while they overlap: 1 is 15 % merged, 10 % exchanged limbs
+    people: NotNegative = 1.0  # strength of missed (1 %) and invented people (0.03 per frame)
 
     def __post_init__(self) -> None:
         check_ranges(self, "detector.", zero=True)
@@ -92,42 +92,43 @@ class DetectorSettings:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """What films a simulated scene, and how well its place is known."""
+    """Cameras of a simulated scene, and how well their poses are known."""
 
     camera: CameraKind | None = "hand-held"
-    """On a tripod, in the hands of somebody who stands, or of somebody who walks along; nothing films if None."""
+    """Camera on a tripod (fixed), or held by somebody who stands (hand-held) or walks along (walking); None: no
+    camera."""
     cameras: Annotated[int, Range(least=1)] = 1
-    """Cameras in all: further ones stand around the action, evenly spread, on tripods of known pose."""
+    """Number of cameras; further ones stand evenly around the people, on tripods of known pose."""
     carried: Annotated[int, Range(least=0)] = 0
-    """How many of the further cameras are in the hands of somebody who stands, at unknown poses."""
+    """Number of further cameras that are hand-held, at unknown poses."""
     known_camera_pose: bool | None = None
-    """Whether a fixed first camera's pose is known too; if None, if there are further cameras."""
+    """The pose of a fixed first camera is known; None: if there are further cameras."""
     calibrated: bool = True
-    """Whether lenses and tripods' poses are known; if not, a phone's usual lens is recorded, with its uncertainty."""
+    """Lenses and tripod poses are known; off: the lens is that of an average phone, with its uncertainty."""
     video_rate: Rate = 30.0
-    """Frames per second: what phones film at, and 3DPW was."""
+    """Frames per second of the video."""
     width: int = 1920
-    """Pixels of the image, across."""
+    """Width of the image in pixels."""
     height: int = 1080
-    """Pixels of the image, down."""
+    """Height of the image in pixels."""
     fov_deg: Annotated[float, Range(least=5, most=150)] = 60.0
-    """Horizontal field of view: a phone's main camera (65 to 70) less what filming crops."""
+    """Horizontal field of view in degrees; a phone while filming has about 60."""
     distortion: tuple[float, ...] = ()
-    """OpenCV's coefficients; phones correct theirs."""
+    """Distortion coefficients of OpenCV."""
     azimuth_deg: float | None = None
-    """Direction from the action to the camera, about the vertical; drawn if None."""
+    """Direction from the people to the camera, degrees about the vertical; None: random."""
     distance_m: Annotated[float | None, Range(above=0, most=1_000)] = None
-    """From the action to the camera; if None, as far as it takes to see it."""
+    """Distance from the people to the camera in m; None: far enough to see them."""
     keypoints: str = "openpose18"
     """Keypoint set of the simulated detector: coco17, openpose18, body25, body25b, halpe26 …"""
     time_offset_s: float = 0.0
-    """To be added to the video's times to get the sensors'; what is written says 0."""
+    """Seconds to add to the video's times to match the sensors; the recording states 0."""
     camera_imu: bool | None = None
-    """Whether the camera carries an IMU; if None, if it moves."""
+    """The camera carries an IMU; None: if it moves."""
     camera_pose_error: NotNegative = 1.0
-    """Of a known pose of a camera: 1 is 0.1 degrees and 5 mm each axis, as from a board on the floor, 4 m away."""
+    """Strength of the error of a known camera pose: 1 is 0.1° and 5 mm per axis."""
     camera_mounting_error_deg: float = 5.0
-    """Of the IMU on the camera, each axis: taped along the edges by eye."""
+    """Standard deviation of the mounting of the camera's IMU per axis, degrees."""
 
     def __post_init__(self) -> None:
         if self.camera not in (None, "fixed", "hand-held", "walking"):

@@ -8,7 +8,7 @@ import pytest
 from detect.stub_people import People
 from films import write_video
 
-from vip_factors.detect import blazepose, model_files, tracks
+from vip_factors.detect import blazepose, models, tracks
 from vip_factors.detect.tracks import Tracker
 from vip_factors.io.detections import read_detections
 
@@ -21,7 +21,7 @@ def video(tmp_path: Path) -> Path:
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> People:
     people = People({"a": (150, 120), "b": (450, 120)})
-    monkeypatch.setattr(model_files, "blazepose_files", lambda source, tell: None)
+    monkeypatch.setattr(models, "blazepose_files", lambda source, tell: None)
     monkeypatch.setattr(blazepose, "check_interpreter", lambda: None)
     monkeypatch.setattr(tracks, "blazepose_tracker", lambda files, settings, threads: Tracker(people, people, settings))
     return people

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vip_factors.detect import model_files
+from vip_factors.detect import models
 
 EXTRAS = (
     "ai_edge_litert",
@@ -58,7 +58,7 @@ def test_the_extra_is_named(
     words: str, extra: str, run: Callable, files: object, bare: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(model_files, "blazepose_files", unasked)
+    monkeypatch.setattr(models, "blazepose_files", unasked)
     for name in ("walk.mp4", "pose.onnx"):
         Path(name).write_bytes(b"none")
     named = {"VIDEO": "walk.mp4", "MODEL": "pose.onnx", "RECORDING": files.recording, "OUT": tmp_path / "out"}

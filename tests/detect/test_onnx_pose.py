@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from onnx_samples import simcc_model
 
-from vip_factors.detect.onnx_pose import Box, OnnxPose
+from vip_factors.detect.models import Box, OnnxPose
 from vip_factors.errors import FileFormatError, InputError
 
 onnx = pytest.importorskip("onnx")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.detect.model_files import blazepose_files
+from vip_factors.detect.models import blazepose_files
 from vip_factors.detect.tracks import blazepose_tracker
 from vip_factors.detect.video import detect_video
 from vip_factors.errors import InputError

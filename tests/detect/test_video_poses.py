@@ -10,7 +10,7 @@ from detect.stub_people import People
 from films import write_video
 
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.detect.onnx_pose import Box
+from vip_factors.detect.models import Box
 from vip_factors.detect.tracks import Tracker
 from vip_factors.detect.video import detect_video, exchanged_sides, write_overlay
 from vip_factors.errors import InputError

@@ -17,7 +17,7 @@ from vip_factors.detect.blazepose import (
     PersonLandmarks,
     Square,
 )
-from vip_factors.detect.model_files import BlazePoseFiles
+from vip_factors.detect.models import BlazePoseFiles
 from vip_factors.io.settings import DetectSettings
 
 

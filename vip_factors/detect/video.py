@@ -18,8 +18,8 @@ import numpy as np
 from vip_factors.atomic import atomic_path, check_complete, check_target
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect import blazepose as blazepose_models
-from vip_factors.detect import model_files, tracks
-from vip_factors.detect.onnx_pose import OnnxPose, box_around
+from vip_factors.detect import models, tracks
+from vip_factors.detect.models import OnnxPose, box_around
 from vip_factors.detect.tracks import Track, Tracker
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
@@ -198,7 +198,7 @@ def detect_people(
     threads = settings.threads or tracks.usual_threads()
     model = OnnxPose(settings.model, threads, settings.keypoints) if settings.model is not None else None
     blazepose_models.check_interpreter()
-    files = model_files.blazepose_files(settings.blazepose, lambda sentence: warnings.warn(sentence, stacklevel=2))
+    files = models.blazepose_files(settings.blazepose, lambda sentence: warnings.warn(sentence, stacklevel=2))
     poses = detect_video(path, tracks.blazepose_tracker(files, settings, threads), settings, model, progress)
     if settings.model is not None:
         poses = replace(poses, detector=settings.model.name)

@@ -305,6 +305,6 @@ def _take_step(folder: Path) -> None:
 
 
 def _onnx(folder: Path) -> None:
-    from vip_factors.detect.onnx_pose import Box, OnnxPose
+    from vip_factors.detect.models import Box, OnnxPose
 
     OnnxPose(folder / "pose.onnx", threads=1).look(np.zeros((48, 64, 3), np.uint8), Box(10, 5, 40, 45))

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from vip_factors.detect import model_files
-from vip_factors.detect.model_files import DETECTOR, LANDMARKS, MEMBERS, blazepose_files
+from vip_factors.detect import models
+from vip_factors.detect.models import DETECTOR, LANDMARKS, MEMBERS, blazepose_files
 from vip_factors.errors import FileFormatError, InputError
 
 CONTENT = {DETECTOR: b"detector", LANDMARKS: b"landmarks"}
@@ -19,7 +19,7 @@ CONTENT = {DETECTOR: b"detector", LANDMARKS: b"landmarks"}
 def published(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Two small files stand for the models, and a folder of the test's own for the cache."""
     sums = {name: hashlib.sha256(data).hexdigest() for name, data in CONTENT.items()}
-    monkeypatch.setattr(model_files, "SHA256", sums)
+    monkeypatch.setattr(models, "SHA256", sums)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 

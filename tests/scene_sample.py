@@ -124,4 +124,11 @@ def estimate_of(scene: Scene, injected: Injected | None = None) -> Estimate:
         found,
         SensorCalibration(-0.4 + error.yaw, transpose(exp([error.mounting, 0, 0])), error.sigma),
     )
-    return Estimate(scene.name, "VIP", tuple(wearers), (camera,), scene.camera.truth.wearer.copy())
+    camera = replace(camera, wearer_of_detection=scene.camera.truth.wearer.copy())
+    return Estimate(scene.name, "VIP", tuple(wearers), (camera,))
+
+
+def with_labels(estimate: Estimate, labels: np.ndarray) -> Estimate:
+    """The estimate with other labels of its first camera's detections."""
+    first, *others = estimate.cameras
+    return replace(estimate, cameras=(replace(first, wearer_of_detection=labels), *others))

@@ -222,6 +222,8 @@ class CameraEstimate(Summarised):
         clock: what lies between the video's clock and the IMUs'.
         clock_sigma: standard deviations of the offset, in the recording's middle, and of the drift; None where kept.
         focal_sigma: standard deviation of the focal length's logarithm; None of a calibrated lens.
+        wearer_of_detection: ``(N,)`` index of the wearer of each detection of the camera, −1 for nobody; empty if
+            unknown.
     """
 
     name: str
@@ -233,9 +235,10 @@ class CameraEstimate(Summarised):
     clock: VideoClock = field(default_factory=VideoClock)
     clock_sigma: tuple[float, float] | None = None
     focal_sigma: float | None = None
+    wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     def frames(self, which: slice) -> "CameraEstimate":
-        """The estimate at some consecutive frames; a camera that stands still has its one pose."""
+        """The estimate at some consecutive frames, with all labels; a static camera has its one pose."""
         path, covariance, residual = self.path, self.covariance, self.residual_px
         moves = len(path) > 1
         return replace(
@@ -262,8 +265,6 @@ class Estimate(Summarised):
         method: name of the variant (``"VIP"``, ``"SIP"`` …).
         wearers: one estimate each, in the recording's order.
         cameras: those that show a wearer, in the recording's order.
-        wearer_of_detection: ``(N,)`` index of the wearer that each detection of the recording's first camera was given
-            to, −1 for nobody.
         reports: of the solves over all wearers, in order.
         findings: what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
@@ -275,7 +276,6 @@ class Estimate(Summarised):
     method: str
     wearers: tuple[WearerEstimate, ...]
     cameras: tuple[CameraEstimate, ...] = ()
-    wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     reports: tuple[SolveReport, ...] = ()
     findings: tuple[Finding, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
@@ -316,7 +316,7 @@ class Estimate(Summarised):
             (estimate.name, estimate.method, estimate.findings, dict(estimate.settings))
             for estimate in (self, Estimate.of_one(self.wearers[0]))
         )
-        return words == plain and not (self.reports or self.association or len(self.wearer_of_detection))
+        return words == plain and not (self.reports or self.association)
 
     @property
     def camera(self) -> CameraEstimate | None:

@@ -355,9 +355,10 @@ def estimate_lines(estimate: "Estimate", frames: Sequence[int]) -> Iterator[str]
     for wearer, count in zip(estimate.wearers, frames, strict=True):
         who = f", {wearer.name}" if wearer.name else ""
         yield f"{wearer.method}{who}: {count} frames at {wearer.motion.rate:g} Hz from {len(wearer.sensors)} sensors"
-    if estimate.cameras:
-        labels = estimate.wearer_of_detection
-        yield f"camera: {int((labels >= 0).sum())} of {len(labels)} detections are of wearers"
+    for camera in estimate.cameras:
+        name = f"camera '{camera.name}'" if len(estimate.cameras) > 1 else "camera"
+        labels = camera.wearer_of_detection
+        yield f"{name}: {int((labels >= 0).sum())} of {len(labels)} detections are of wearers"
     yield f"computed in {sum(report.seconds for report in estimate.all_reports):.1f} s"
     yield f"verdict: {estimate.verdict}"
     yield from (f"{finding.severity}: {finding}" for finding in estimate.all_findings)

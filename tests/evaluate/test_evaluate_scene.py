@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_sample import MODEL, Injected, camera_path, estimate_of, scene_sample
+from scene_sample import MODEL, Injected, camera_path, estimate_of, scene_sample, with_labels
 
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import common_instants
@@ -72,7 +72,10 @@ def test_each_camera_is_judged_and_none_is_the_first(scene: Scene) -> None:
     second = replace(scene.camera, name="left", focal_sigma=0.25, truth=replace(truth, model=MODEL.zoomed(0.1)))
     near = estimate_of(scene, replace(TURNED, camera_m=0.03)).camera
     lens = MODEL.zoomed(0.1 + 0.03)
-    found = replace(near, name="left", model=lens, focal_sigma=0.02, clock=VideoClock(0.004))
+    labels = np.where(np.arange(len(truth.wearer)) % 4 == 0, -1, truth.wearer)
+    found = replace(
+        near, name="left", model=lens, focal_sigma=0.02, clock=VideoClock(0.004), wearer_of_detection=labels
+    )
     both = replace(scene, cameras=(scene.camera, second))
     result = evaluate_scene(replace(estimate, cameras=(*estimate.cameras, found)), both)
     assert "focal_length_error" not in result.cameras["phone"]  # a calibrated lens is not estimated
@@ -81,9 +84,12 @@ def test_each_camera_is_judged_and_none_is_the_first(scene: Scene) -> None:
     assert result.cameras["left"]["time_offset_error"] == pytest.approx(4)
     assert result["time_offset_error"] == pytest.approx(2)
     assert result.cameras["left"]["camera_translation"] > 2 * result.cameras["phone"]["camera_translation"]
+    recalls = {name: errors["association_recall"] for name, errors in result.cameras.items()}
+    assert recalls == {"phone": 100, "left": pytest.approx(75, abs=4)}
+    assert result["association_recall"] == pytest.approx(np.mean(list(recalls.values())))
+    assert result.cameras["left"]["association_precision"] == 100
     assert all("left" in text for text in (str(result), result.to_table()))
-    labels = np.full(0, -1)
-    turned = replace(estimate, cameras=(found, *estimate.cameras), wearer_of_detection=labels)
+    turned = replace(estimate, cameras=(found, *estimate.cameras))
     other = evaluate_scene(turned, replace(both, cameras=both.cameras[::-1]))
     for name, errors in result.cameras.items():
         assert other.cameras[name] == pytest.approx(errors)
@@ -119,7 +125,7 @@ def test_camera_covariance_is_judged_in_the_gauge_of_the_prior(scene: Scene) -> 
 
 def test_without_a_camera_every_wearer_has_a_gauge_of_its_own(scene: Scene) -> None:
     estimate = estimate_of(scene, replace(TURNED, apart_m=0.5))
-    result = evaluate_scene(replace(estimate, cameras=(), wearer_of_detection=np.zeros(0, int)), scene)
+    result = evaluate_scene(replace(estimate, cameras=()), scene)
     assert result["scene_position_error"] == pytest.approx(0.0, abs=1e-5)
     assert "camera_translation" not in result.metrics
     assert "association_recall" not in result.metrics
@@ -130,7 +136,7 @@ def test_what_does_not_belong_together_is_refused(scene: Scene) -> None:
     with pytest.raises(InputError, match="1 wearers for a scene of 2"):
         evaluate_scene(replace(estimate, wearers=estimate.wearers[:1]), scene)
     with pytest.raises(InputError, match="labels 3 detections"):
-        evaluate_scene(replace(estimate, wearer_of_detection=np.zeros(3, int)), scene)
+        evaluate_scene(with_labels(estimate, np.zeros(3, int)), scene)
     unknown = tuple(replace(wearer, truth=None) for wearer in scene.wearers)
     with pytest.raises(InputError, match="no wearer's truth"):
         evaluate_scene(estimate, replace(scene, wearers=unknown))

@@ -103,6 +103,7 @@ def scene_estimates(draw: st.DrawFn) -> Estimate:
         draw(st.sampled_from([None, residual])),
         VideoClock(rng.normal(), 1e-3 * rng.normal()),
         draw(st.sampled_from([None, (0.003, 2e-5)])),
+        wearer_of_detection=rng.integers(-1, W, draw(st.integers(0, 5))),
     )
     K = draw(st.integers(0, 4))
     detector = DetectorEstimate(tuple("abcd"[:K]), *rng.normal(size=(3, K, 3)), np.full((K, 3), np.nan))
@@ -110,8 +111,11 @@ def scene_estimates(draw: st.DrawFn) -> Estimate:
         draw(names),
         draw(names),
         wearers,
-        draw(st.sampled_from([(), (camera,), (camera, replace(camera, name="another"))])),
-        rng.integers(-1, W, draw(st.integers(0, 5))),
+        draw(
+            st.sampled_from(
+                [(), (camera,), (camera, replace(camera, name="another", wearer_of_detection=np.arange(3)))]
+            )
+        ),
         wearers[0].reports,
         tuple(map(bare, draw(st.lists(names, max_size=2)))),
         draw(st.dictionaries(names, names, max_size=2)),

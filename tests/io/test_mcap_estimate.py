@@ -19,7 +19,7 @@ from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.io.mcap_estimate import CAMERA, INFO, read_estimate, write_estimate
+from vip_factors.io.mcap_estimate import CAMERA, INFO, SCENE_HEAD, SCENE_INFO, WEARER, read_estimate, write_estimate
 from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene, write_recording
@@ -155,6 +155,21 @@ def sample(T: int = 30, wearers: int = 2) -> Estimate:
     )
     path = replace(camera_path(rng, T), time=np.arange(T) / 30)
     return Estimate("walk", "VIP", people, (CameraEstimate("phone", MODEL, path, residual_px=np.ones((T, wearers))),))
+
+
+@pytest.mark.parametrize("labels", [[0, -1, 1], [-1, -1]])
+def test_labels_of_the_scene_in_older_files_are_those_of_the_first_camera(tmp_path: Path, labels: list[int]) -> None:
+    estimate = sample()
+    estimate = replace(estimate, cameras=(estimate.camera, replace(estimate.camera, name="left")))
+    write_estimate(estimate, tmp_path / "e.mcap")
+    topics = [f"{WEARER}{number}" for number in range(2)]
+    message = SCENE_HEAD.encode(estimate, wearer_topics=topics, start_ns=0, wearer_of_detection=labels)
+    with (tmp_path / "old.mcap").open("wb") as file, MessageWriter(file) as writer:
+        copy_messages(tmp_path / "e.mcap", writer._writer, without=(SCENE_INFO,))
+        writer.write(SCENE_INFO, message, 0)
+    first, second = read_estimate(tmp_path / "old.mcap").cameras
+    assert first.wearer_of_detection.tolist() == (labels if max(labels) >= 0 else [])
+    assert second.wearer_of_detection.size == 0
 
 
 def test_an_estimate_of_nobody_is_refused(tmp_path: Path) -> None:

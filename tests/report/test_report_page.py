@@ -106,7 +106,7 @@ def test_every_section_is_there_of_an_estimate_alone(estimate: Estimate) -> None
 def test_one_wearer_with_recording_in_a_file_that_is_never_replaced(
     estimate: Estimate, scene: Scene, tmp_path: Path
 ) -> None:
-    alone = replace(estimate, wearers=estimate.wearers[:1], cameras=(), wearer_of_detection=np.zeros(0, int))
+    alone = replace(estimate, wearers=estimate.wearers[:1], cameras=())
     path, recording = tmp_path / "report.html", Scene("one", scene.wearers[:1])
     write_report(alone, path, recording)
     with pytest.raises(InputError, match="exists"):

@@ -69,8 +69,8 @@ def test_windows_are_as_the_whole() -> None:
     ratio = one.covariance.joint_sigma / other.covariance.joint_sigma
     assert 0.7 < np.median(ratio) < 1.1
     assert scene.camera.truth is not None
-    assert estimate.wearer_of_detection.shape == scene.camera.truth.wearer.shape
-    assert np.mean(estimate.wearer_of_detection == scene.camera.truth.wearer) > 0.9
+    assert estimate.camera.wearer_of_detection.shape == scene.camera.truth.wearer.shape
+    assert np.mean(estimate.camera.wearer_of_detection == scene.camera.truth.wearer) > 0.9
     assert estimate.camera is not None
     assert len(estimate.camera.path) == 1
     assert estimate.camera.residual_px.shape == (len(one.motion), 1)
@@ -87,7 +87,7 @@ def test_windows_that_start_from_all_coarse_frames_are_as_the_whole() -> None:
     errors = [np.median(root_relative(each, scene)) for each in (estimate, whole)]
     assert errors[0] < 1.1 * errors[1]
     assert_nothing_leaps(estimate)
-    np.testing.assert_array_equal(estimate.wearer_of_detection, whole.wearer_of_detection)
+    np.testing.assert_array_equal(estimate.camera.wearer_of_detection, whole.camera.wearer_of_detection)
     assert estimate.camera is not None
     assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == len(whole.wearers[0].motion)
 
@@ -109,9 +109,9 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     for one in estimate.wearers:
         assert all(np.all(np.diff(own.heading_time) > 0) for own in one.calibration.values())
     assert scene.camera.truth is not None
-    surely = estimate.wearer_of_detection >= 0
+    surely = estimate.camera.wearer_of_detection >= 0
     assert surely.mean() > 0.5
-    assert np.mean(scene.camera.truth.wearer[surely] == estimate.wearer_of_detection[surely]) > 0.9
+    assert np.mean(scene.camera.truth.wearer[surely] == estimate.camera.wearer_of_detection[surely]) > 0.9
     assert any("from 2 to" in sentence or "from 3 to" in sentence for sentence in sentences(estimate.findings))
 
 
@@ -186,7 +186,9 @@ def test_worlds_are_joined_exactly() -> None:
     np.testing.assert_allclose(
         np.concatenate([one.path.p_world_camera for one in cameras if one]), path.p_world_camera, atol=1e-9
     )
-    np.testing.assert_array_equal(np.concatenate([chunk.wearer_of_detection for chunk in chunks]), np.arange(T) % 3 - 1)
+    for camera, labels in enumerate((np.arange(T) % 3 - 1, (np.arange(T) % 3 - 1)[::2])):
+        joined = np.concatenate([chunk.cameras[camera].wearer_of_detection for chunk in chunks])
+        np.testing.assert_array_equal(joined, labels)
     root = np.concatenate([chunk.wearers[0].covariance.root[:, 0, 0] for chunk in chunks])
     assert np.all(np.diff(root) >= -1e-12)  # as unsure as the windows before were
 
@@ -202,6 +204,8 @@ def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift:
         residuals = {kind: values[span] for kind, values in one.residuals.items()}
         wearers.append(replace(one, motion=motion, covariance=covariance, residuals=residuals))
     own = CameraPath(path.time[span], turn @ path.R_world_camera[span], path.p_world_camera[span] @ turn.T + shift)
-    camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)))
+    labels = np.arange(span.start, span.stop) % 3 - 1
+    camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)), wearer_of_detection=labels)
+    left = replace(camera, name="left", wearer_of_detection=labels[::2])
     headings = tuple(Headings(own.time[[0, -1]], np.zeros((2, 1))) for _ in wearers)
-    return SolvedWindow(span, tuple(wearers), (camera,), headings, own.time, np.arange(span.start, span.stop) % 3 - 1)
+    return SolvedWindow(span, tuple(wearers), (camera, left), headings, (own.time, own.time[::2]))

@@ -75,7 +75,7 @@ def test_paths_that_cross_never_come_near() -> None:
 def test_only_wearers_whose_places_are_unknown_are_moved() -> None:
     scene = scene_sample(0.3)
     found = estimate_of(scene)
-    blind = replace(found, cameras=(), wearer_of_detection=np.zeros(0, int))
+    blind = replace(found, cameras=())
     apart, tied = drawn_scene(None, blind), drawn_scene(None, found)
     assert (apart.apart, tied.apart, drawn_scene(scene, blind).apart) == (True, False, False)
     assert APART in scene_summary(apart)

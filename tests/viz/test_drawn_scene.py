@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_sample import Injected, estimate_of, scene_sample
+from scene_sample import Injected, estimate_of, scene_sample, with_labels
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.sensors.camera import VideoClock
@@ -40,8 +40,17 @@ def test_bodies_project_onto_their_detections(sample: Scene) -> None:
         assert drawn.cameras[0].reprojection_px(wearer) == pytest.approx(0.0, abs=1e-5)
     labels = sample.camera.truth.wearer.copy()
     labels[0] = -1  # the first frame's detection of the first wearer
-    drawn = drawn_scene(sample, replace(estimate_of(sample, GAUGE), wearer_of_detection=labels))
+    drawn = drawn_scene(sample, with_labels(estimate_of(sample, GAUGE), labels))
     assert np.isnan(drawn.cameras[0].reprojection_px(drawn.wearers[0])).tolist() == [True] + [False] * 15
+
+
+def test_every_camera_has_its_own_labels(sample: Scene) -> None:
+    estimate = estimate_of(sample, GAUGE)
+    left = replace(estimate.camera, name="left", wearer_of_detection=estimate.camera.wearer_of_detection[::-1].copy())
+    both = replace(sample, cameras=(sample.camera, replace(sample.camera, name="left")))
+    drawn = drawn_scene(both, replace(estimate, cameras=(estimate.camera, left)))
+    for camera, labels in zip(drawn.cameras, (estimate.camera, left), strict=True):
+        np.testing.assert_array_equal(camera.labels, labels.wearer_of_detection)
 
 
 def test_the_clock_of_the_video_is_the_estimates(sample: Scene) -> None:

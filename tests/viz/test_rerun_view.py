@@ -65,7 +65,7 @@ def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Pat
     assert "/world/ann/truth/pelvis" in true
     assert "/world/camera/image/detected/ann/points" in true  # the true labels colour them
     blind = replace(sample, cameras=())
-    inertial = entities(blind, replace(found, cameras=(), wearer_of_detection=np.zeros(0, int)), rrd)
+    inertial = entities(blind, replace(found, cameras=()), rrd)
     assert "/world/ann/estimate/pelvis" in inertial
     assert "/world/camera" not in inertial
     nameless = replace(

@@ -263,17 +263,13 @@ def reprojection_table(estimate: Estimate, names: Sequence[str]) -> Table:
 
 
 def detection_table(estimate: Estimate, names: Sequence[str]) -> Table:
-    """Table of detections by wearer."""
-    wearer_of_detection = estimate.wearer_of_detection
-    people = [*enumerate(names), (-1, "nobody (strangers, false detections)")] if len(wearer_of_detection) else []
-    rows = [
-        (
-            name,
-            str(int(np.sum(wearer_of_detection == index))),
-            f"{100 * float(np.mean(wearer_of_detection == index)):.1f} %",
-        )
-        for index, name in people
-    ]
+    """Table of detections by wearer and camera."""
+    rows, people = [], [*enumerate(names), (-1, "nobody (strangers, false detections)")]
+    for camera in estimate.cameras:
+        labels, place = camera.wearer_of_detection, f", {camera.name}" if len(estimate.cameras) > 1 else ""
+        for index, name in people if len(labels) else ():
+            is_given = labels == index
+            rows.append((name + place, str(int(is_given.sum())), f"{100 * float(is_given.mean()):.1f} %"))
     return Table(("detections given to", "count", "share"), rows)
 
 

@@ -130,6 +130,8 @@ class Evaluation(Summarised):
             "camera_rotation": "turn, °",
             "focal_length_error": "focal length, %",
             "time_offset_error": "clock, ms",
+            "association_precision": "labels right, %",
+            "association_recall": "people found, %",
         }
         return _table("camera", self.cameras, columns)
 
@@ -350,8 +352,11 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     turn = yaw(gauge) if gauge is not None else None
     table |= error_metrics([error for error, _ in _calibration_pairs(estimate, scene, turn).values()])
     consistency, prior_gauge = _consistency(estimate, scene, comparison)
-    cameras = {camera.estimate.name: _camera(camera, gauge, prior_gauge) for camera in comparison.cameras}
-    table |= _mean_of_cameras(list(cameras.values())) | consistency | _association(estimate, scene)
+    cameras = {
+        camera.estimate.name: _camera(camera, gauge, prior_gauge) | _association(camera)
+        for camera in comparison.cameras
+    }
+    table |= _mean_of_cameras(list(cameras.values())) | consistency
     errors = {name: {metric: row[metric].value for metric in row} for name, row in cameras.items()}
     severity = estimate.verdict.severity
     return Evaluation(estimate.name, estimate.method, table, severity, cameras=errors, wearers=wearers)
@@ -401,16 +406,19 @@ def _camera(camera: CameraComparison, gauge: Alignment | None, prior_gauge: Alig
 
 
 def _mean_of_cameras(cameras: Sequence[Metrics]) -> dict[str, Metric]:
-    """The metrics of the only camera, or means of magnitudes over several."""
+    """The metrics of the only camera, or means of magnitudes over those of several that define them."""
     if len(cameras) == 1:
         return dict(cameras[0])
     metrics: dict[str, list[Metric]] = {}
     for camera in cameras:
         for name, metric in camera.items():
             metrics.setdefault(name, []).append(metric)
+    magnitudes = {name: np.abs([metric.value for metric in values]) for name, values in metrics.items()}
     return {
-        name: Metric(float(np.mean([abs(metric.value) for metric in values])), values[0].unit)
-        for name, values in metrics.items()
+        name: Metric(
+            float(np.mean(values[np.isfinite(values)])) if np.isfinite(values).any() else np.nan, metrics[name][0].unit
+        )
+        for name, values in magnitudes.items()
     }
 
 
@@ -432,23 +440,21 @@ def _consistency(
     return sensor_consistency(pairs, anchor), gauge
 
 
-def _association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
-    """Precision and recall of labels in percent, as VIP reports them on 3DPW (thesis 4.4.3).
-
-    An estimate labels the detections of the scene's first camera only.
+def _association(camera: CameraComparison) -> dict[str, Metric]:
+    """Precision and recall of a camera's labels in percent, as VIP reports them on 3DPW (thesis 4.4.3).
 
     Raises:
         InputError: if the estimate labels other detections than the scene's.
     """
-    labels, truth = estimate.wearer_of_detection, None if scene.camera is None else scene.camera.truth
-    if truth is None or not len(labels):
+    labels, truth = camera.estimate.wearer_of_detection, camera.truth.wearer
+    if not len(labels):
         return {}
-    if len(labels) != len(truth.wearer):
+    if len(labels) != len(truth):
         raise InputError(
-            f"the estimate labels {len(labels)} detections, scene '{scene.name}' holds {len(truth.wearer)}: expected "
-            "one label each; is it the estimate of this scene?"
+            f"camera '{camera.estimate.name}': the estimate labels {len(labels)} detections, the scene holds "
+            f"{len(truth)}: expected one label each; is it the estimate of this scene?"
         )
-    return label_metrics(labels, truth.wearer)
+    return label_metrics(labels, truth)
 
 
 def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:

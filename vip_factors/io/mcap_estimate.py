@@ -1,7 +1,7 @@
 """Estimates in MCAP files: topics and messages, read at once and written chunk by chunk.
 
-Every wearer has the same topics, below a prefix of their own if there are several. The scene's, the cameras' and the
-wearers of the detections stand beside them; an estimate of one unfilmed wearer has none of these.
+Every wearer has the same topics, below a prefix of their own if there are several. The scene's and the cameras' stand
+beside them; an estimate of one unfilmed wearer has none of these.
 
 An estimate in memory is written as a single chunk, a stream is many small ones. What is known of the whole at its end
 alone (who is who, findings, headings over time) is written then, once more on the topics that had it at the beginning:
@@ -134,7 +134,9 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
             return Estimate.of_one(_wearer_of(contents))
         return Estimate(
             wearers=tuple(_wearer_of(contents, prefix) for prefix in info.wearer_topics),
-            cameras=tuple(filter(None, (_camera(contents, prefix) for prefix in _cameras(contents)))),
+            cameras=tuple(
+                _with_labels_of(info, filter(None, (_camera(contents, prefix) for prefix in _cameras(contents))))
+            ),
             reports=topics.objects(SCENE_REPORT, codec.REPORT),
             **SCENE_HEAD.values(info),
         )
@@ -211,6 +213,15 @@ def _camera(contents: McapContents, prefix: str) -> CameraEstimate | None:
     )
 
 
+def _with_labels_of(info: EstimateInfo, cameras: Iterable[CameraEstimate]) -> Iterator[CameraEstimate]:
+    """The cameras; the first one has the scene's labels if an earlier version wrote them there."""
+    labels = np.array(info.wearer_of_detection, int)
+    for number, camera in enumerate(cameras):
+        # If all are −1, they may belong to a camera that was left out.
+        has_labels = number == 0 and bool((labels >= 0).any())
+        yield replace(camera, wearer_of_detection=labels) if has_labels else camera
+
+
 LONG_CHUNK_BYTES = 1 << 20  # of estimates in chunks of their own: the index in memory has an entry for each
 
 
@@ -260,6 +271,7 @@ def write_estimate(
         if estimate.closed is not None:
             closed = estimate.closed()
             out.write_info(closed, start_ns + int(NS_PER_S * end))
+            out.write_cameras(closed.cameras, start_ns + int(NS_PER_S * end))
             for index, wearer in enumerate(closed.wearers):
                 out.write_calibration(index, wearer.calibration, start_ns + int(NS_PER_S * end))
 
@@ -332,6 +344,12 @@ class EstimateWriter:
         message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._start_ns)
         self._writer.write(SCENE_INFO, message, time_ns)
 
+    def write_cameras(self, heads: Iterable[CameraEstimate], time_ns: int) -> None:
+        """Write again what the cameras that have begun are, without their frames."""
+        for topics, head in zip(self._cameras, heads, strict=True):
+            topics.head = head
+            topics.write_info(time_ns)
+
     def write_reports(self, reports: Iterable[SolveReport], seconds: float) -> None:
         """Write how solves over all wearers went."""
         for report in reports:
@@ -355,7 +373,7 @@ class EstimateWriter:
         for wearer in self._wearers.values():
             wearer.write_info(wearer.next_frame)
         for camera in self._cameras:
-            camera.write_info()
+            camera.write_info(self._start_ns)
 
 
 class _WearerTopics:
@@ -414,26 +432,26 @@ class _CameraTopics:
         poses: int | None,
         residual_frames: int,
     ) -> None:
-        self._writer, self._prefix, self._start_ns, self._head = writer, prefix, start_ns, head
+        self._writer, self._prefix, self._start_ns, self.head = writer, prefix, start_ns, head
         self._poses, self._residual_frames = poses, residual_frames
         self._next_pose, self._next_residual = 0, 0
-        self.write_info()
+        self.write_info(start_ns)
         writer.write(prefix + INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
         if head.calibration is not None:
             calibration = codec.CALIBRATION.encode({head.name: head.calibration})
             writer.write(prefix + CALIBRATION, calibration, start_ns)
 
-    def write_info(self) -> None:
+    def write_info(self, time_ns: int) -> None:
         """Write what the camera is, how many poses there will be or are, and residuals of how many frames."""
-        residual = self._head.residual_px
+        residual = self.head.residual_px
         info = CAMERA_HEAD.encode(
-            self._head,
+            self.head,
             poses=self._next_pose if self._poses is None else self._poses,
             has_residuals=residual is not None,
             wearers=None if residual is None else residual.shape[1],
             residual_frames=None if residual is None else self._residual_frames,
         )
-        self._writer.write(self._prefix + INFO, info, self._start_ns)
+        self._writer.write(self._prefix + INFO, info, time_ns)
 
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""

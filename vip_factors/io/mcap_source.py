@@ -95,16 +95,17 @@ class SceneFile(UnfilmedSource):
             )
         return self._scene(wearers, cameras)
 
-    def detected(self, start: float, end: float) -> int:
-        """Number of the first camera's detections in ``start <= time < end``."""
-        camera = self.scene.cameras[0]
-        time, clock = camera.timed_detections.time, camera.clock
+    def detected(self, start: float, end: float, camera: str) -> int:
+        """Number of a camera's detections in ``start <= time < end``."""
+        number = [candidate.name for candidate in self.scene.cameras].index(camera)
+        filmed, topic = self.scene.cameras[number], self.topics[number]("detections")
+        time, clock = filmed.timed_detections.time, filmed.clock
         if not len(time):
             return 0
         start, end, count = max(start, float(time[0])), min(end, float(np.nextafter(time[-1], np.inf))), 0
         while start < end:
             piece_end = min(start + COUNTED_S, end)
-            for frame in Topics(self._contents(start, piece_end)).all(self.topics[0]("detections"), Detections2D):
+            for frame in Topics(self._contents(start, piece_end)).all(topic, Detections2D):
                 count += len(frame.people) * (start <= frame.seconds + clock.late(frame.seconds) < piece_end)
             start = piece_end
         return count

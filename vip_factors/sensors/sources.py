@@ -170,8 +170,8 @@ class SceneSource(Protocol):
         """
         ...
 
-    def detected(self, start: float, end: float) -> int:
-        """Number of the first camera's detections in ``start <= time < end``; either may be infinite."""
+    def detected(self, start: float, end: float, camera: str) -> int:
+        """Number of a camera's detections in ``start <= time < end``; either may be infinite."""
         ...
 
 
@@ -209,10 +209,10 @@ class SceneInMemory:
         )
         return self._scene(wearers, tuple(camera_between(camera, start, end) for camera in self.scene.cameras))
 
-    def detected(self, start: float, end: float) -> int:
+    def detected(self, start: float, end: float, camera: str) -> int:
         """Number of detections in ``start <= time < end``."""
-        camera = self.scene.cameras[0]
-        time = camera.timed_detections.time[camera.detections.frame]
+        filmed = next(candidate for candidate in self.scene.cameras if candidate.name == camera)
+        time = filmed.timed_detections.time[filmed.detections.frame]
         return int(np.count_nonzero((time >= start) & (time < end)))
 
     def _scene(self, wearers: tuple[Recording, ...], cameras: tuple[Camera, ...]) -> Scene:
@@ -235,7 +235,7 @@ class UnfilmedSource(SceneInMemory):
         reach = start - MARGIN_S, end + MARGIN_S
         return self._scene(tuple(replace(wearer.head, imus=wearer.between(*reach)) for wearer in self.wearers), ())
 
-    def detected(self, start: float, end: float) -> int:
+    def detected(self, start: float, end: float, camera: str) -> int:
         """Number of detections, which is zero."""
         return 0
 

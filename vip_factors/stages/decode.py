@@ -164,6 +164,7 @@ def decode_camera(
     state: SceneState,
     covariance: SceneCovariance | None,
     clock: VideoClock,
+    wearer_of_detection: np.ndarray,
 ) -> CameraEstimate:
     """Convert a state to the estimate of one camera; ``clock`` is the nominal clock of its video."""
     problem, camera, time = model.cameras[number], state.cameras[number], model.wearers[0].frames.time
@@ -178,6 +179,7 @@ def decode_camera(
         covariance.cameras[number] if covariance is not None else None,
         reprojection_rms(model, state, number),
         clock.corrected(camera.clock, camera.clock_drift, problem.clock_middle),
+        wearer_of_detection=wearer_of_detection,
     )
 
 

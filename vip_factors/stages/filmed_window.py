@@ -224,7 +224,7 @@ class FilmedWindow:
         Raises:
             SolveError: if its problem is not determined.
         """
-        coarse, associated, first_camera = self.solution.fusion, self.solution.associated, self.cameras[0]
+        coarse, associated = self.solution.fusion, self.solution.associated
         fine = self.solution.at_full_rate(self.frames, self.settings, self.solver)
         covariance = None
         if self.settings.covariance:  # with mountings as sure as they were found
@@ -232,16 +232,15 @@ class FilmedWindow:
             unsure = replace(coarse, model=replace(coarse.model, wearers=free))
             covariance = full_rate_covariance(unsure, fine, self.solver)
         wearers = decode_wearers(fine.model, fine.state, covariance)
-        wearer_of_detection = np.full(len(first_camera.detections), -1)
-        if associated[0].camera.name == first_camera.name:
-            wearer_of_detection = associated[0].association.wearer
+        detection_times = {
+            camera.name: camera.timed_detections.time[camera.detections.frame] for camera in self.cameras
+        }
         return SolvedWindow(
             self.span,
             wearers,
             tuple(self._cameras(fine, covariance)),
             tuple(map(Headings.of, coarse.wearers)),
-            first_camera.timed_detections.time[first_camera.detections.frame],
-            wearer_of_detection,
+            tuple(detection_times[name] for name in self.calibrated_cameras),
             any(video.shows_wearer and video.camera.known_path is not None for video in associated),
             tuple(self.solver.reports),
             (*self.sensor_findings, *self._findings(fine, wearers)),
@@ -254,13 +253,18 @@ class FilmedWindow:
         for name, (placed, _) in self.calibrated_cameras.items():
             start = self.start.cameras[name]
             if name in numbers:
-                yield decode_camera(name, numbers[name], fine.model, fine.state, covariance, start.clock)
+                labels = self.solution.associated[numbers[name]].association.wearer
+                yield decode_camera(name, numbers[name], fine.model, fine.state, covariance, start.clock, labels)
             else:
-                moves = next(camera.moving for camera in self.cameras if camera.name == name)
+                camera = next(camera for camera in self.cameras if camera.name == name)
                 path = start.path or placed.path
-                unseen = np.full((len(time), len(fine.model.wearers)), np.nan)
                 yield CameraEstimate(
-                    name, placed.lens, path.at(time) if moves else path, residual_px=unseen, clock=start.clock
+                    name,
+                    placed.lens,
+                    path.at(time) if camera.moving else path,
+                    residual_px=np.full((len(time), len(fine.model.wearers)), np.nan),
+                    clock=start.clock,
+                    wearer_of_detection=np.full(len(camera.detections), -1),
                 )
 
     def _findings(self, fine: FusionSolution, wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:

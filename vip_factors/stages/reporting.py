@@ -88,15 +88,13 @@ def filmed_estimate(
                 fine.state,
                 covariance,
                 video.camera.clock,
+                video.association.wearer,
             ),
             number,
             shared,
         )
         for number, video in enumerate(associated)
     )
-    wearer_of_detection = np.full(len(scene.cameras[0].detections), -1)
-    if associated[0].camera is scene.cameras[0]:  # else it shows nobody
-        wearer_of_detection = associated[0].association.wearer
     findings = [
         *who_is_who(scene, associated),
         *_undetermined(shared, "all headings, mountings and the camera"),
@@ -124,7 +122,6 @@ def filmed_estimate(
         "VIP",
         wearers,
         cameras,
-        wearer_of_detection,
         tuple(solver.reports),
         (*film_findings(scene, findings), *findings),
         flatten(settings),

@@ -226,9 +226,9 @@ class ReplacedSource:
         """Return the scene between two instants."""
         return self._placed(self.source.between(start, end))
 
-    def detected(self, start: float, end: float) -> int:
-        """Count the detections between two instants."""
-        return self.source.detected(start, end)
+    def detected(self, start: float, end: float, camera: str) -> int:
+        """Count a camera's detections between two instants."""
+        return self.source.detected(start, end, camera)
 
     def _placed(self, scene: Scene) -> Scene:
         wearers = zip(scene.wearers, self.placements, strict=True)

@@ -204,8 +204,17 @@ def _solve_finely(
     fine = solution.at_full_rate(frames, settings, solver)
     nearest = None if covariance is None else at_nearest(covariance, solution.fusion, frames[0].time)
     cameras = tuple(
-        decode_camera(video.camera.name, number, fine.model, fine.state, nearest, video.camera.clock)
+        decode_camera(
+            video.camera.name,
+            number,
+            fine.model,
+            fine.state,
+            nearest,
+            video.camera.clock,
+            video.association.wearer,
+        )
         for number, video in enumerate(solution.associated)
     )
+    detection_times = tuple(video.detections.time[video.detections.frame] for video in solution.associated)
     wearers = decode_wearers(fine.model, fine.state, nearest)
-    return SolvedWindow(span, wearers, cameras, reports=tuple(solver.reports))
+    return SolvedWindow(span, wearers, cameras, detection_times=detection_times, reports=tuple(solver.reports))

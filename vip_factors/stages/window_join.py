@@ -59,8 +59,7 @@ class SolvedWindow:
         wearers: their estimates, with the reports of the solves of each.
         cameras: those of the estimate; none of a wearer whom no camera sees.
         headings: of each wearer's sensors, where windows find them.
-        detected_at: ``(N,)`` seconds of the first camera's detections.
-        wearer_of_detection: ``(N,)`` whom each of them shows, −1 for nobody.
+        detection_times: ``(N,)`` seconds, of each camera's detections.
         is_placed: whether a camera at a known place saw a wearer: the world is that camera's.
         reports: of the solves over all wearers.
         findings: on it.
@@ -70,8 +69,7 @@ class SolvedWindow:
     wearers: tuple[WearerEstimate, ...]
     cameras: tuple[CameraEstimate, ...] = ()
     headings: tuple[Headings, ...] = ()
-    detected_at: Array = field(default_factory=lambda: np.zeros(0))
-    wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    detection_times: tuple[Array, ...] = ()
     is_placed: bool = False
     reports: tuple[SolveReport, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -151,7 +149,7 @@ class SceneSummary:
         log: of the windows' findings beside them.
         headings: by window, of each wearer.
         clocks: by window, of each camera, seconds of its video in the window's middle, and how late it is there.
-        labels: by chunk, whom each detection shows.
+        labels: by chunk, of each camera, whom each detection shows.
     """
 
     source: SceneSource
@@ -160,7 +158,7 @@ class SceneSummary:
     log: FindingLog = field(default_factory=FindingLog)
     headings: list[tuple[Headings, ...]] = field(default_factory=list)
     clocks: list[list[tuple[float, float]]] = field(default_factory=list)
-    labels: list[np.ndarray] = field(default_factory=list)
+    labels: list[tuple[np.ndarray, ...]] = field(default_factory=list)
 
     @classmethod
     def of(cls, source: SceneSource, plan: WindowPlan, calibrated: Estimate) -> "SceneSummary":
@@ -186,9 +184,11 @@ class SceneSummary:
         )
         plan, last_time = self.plan, float(self.plan.time(slice(self.plan.frames - 1, self.plan.frames))[0])
         unseen = (-np.inf, plan.start), (float(np.nextafter(last_time, np.inf)), np.inf)
-        detections_before, detections_after = (np.full(self.source.detected(*interval), -1) for interval in unseen)
-        clocks = list[Finding]()
+        clocks, cameras = list[Finding](), list[CameraEstimate]()
         camera_of_name = {camera.name: camera for camera in self.source.head.cameras}
+        for camera, labels in zip(head.cameras, zip(*self.labels, strict=True), strict=True):
+            before, after = (np.full(self.source.detected(*interval, camera.name), -1) for interval in unseen)
+            cameras.append(replace(camera, wearer_of_detection=np.concatenate([before, *labels, after]).astype(int)))
         for camera, clock_samples in zip(head.cameras, zip(*self.clocks, strict=True), strict=True):
             camera_findings = clock_findings(
                 camera_of_name[camera.name], _with_clock(camera, clock_samples), (plan.start, last_time)
@@ -201,7 +201,7 @@ class SceneSummary:
         return replace(
             head,
             wearers=wearers,
-            wearer_of_detection=np.concatenate([detections_before, *self.labels, detections_after]).astype(int),
+            cameras=tuple(cameras),
             findings=(*self.calibration_findings, *self.log.take(), *drifts, *clocks),
         )
 
@@ -230,7 +230,8 @@ def join(
     if plan.uses_all_frames or not source.head.cameras:
         return EstimateChunks(head, frames, chunks_of(windows, head, plan, on_progress), poses)
     summary = SceneSummary.of(source, plan, calibrated)
-    head = replace(head, wearer_of_detection=np.zeros(0, int))
+    unlabelled = (replace(camera, wearer_of_detection=np.zeros(0, int)) for camera in head.cameras)
+    head = replace(head, cameras=tuple(unlabelled))
     chunks = chunks_of(windows, head, plan, on_progress, summary)
     return EstimateChunks(head, frames, chunks, poses, partial(summary.completed, head))
 
@@ -269,9 +270,12 @@ def chunks_of(
 
 def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate, summary: SceneSummary | None) -> Estimate:
     """Return a chunk with its own frames and the labels of the detections between two instants."""
-    labels, wearers = window.wearer_of_detection[(window.detected_at >= start) & (window.detected_at < end)], []
+    wearers, cameras = [], list[CameraEstimate]()
+    for camera, times in zip(window.cameras, window.detection_times, strict=True):
+        labels = camera.wearer_of_detection[(times >= start) & (times < end)]
+        cameras.append(replace(camera, wearer_of_detection=labels))
     if summary is not None:
-        summary.labels.append(labels)
+        summary.labels.append(tuple(camera.wearer_of_detection for camera in cameras))
     for wearer_head, wearer in zip(head.wearers, window.wearers, strict=True):
         begin, rate = wearer_head.motion.start + window.frames.start / wearer_head.motion.rate, wearer_head.motion.rate
         motion = replace(
@@ -287,9 +291,7 @@ def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate, summa
                 reports=wearer.reports,
             )
         )
-    return replace(
-        head, cameras=window.cameras, wearers=tuple(wearers), wearer_of_detection=labels, reports=window.reports
-    )
+    return replace(head, cameras=tuple(cameras), wearers=tuple(wearers), reports=window.reports)
 
 
 def _between(previous: SolvedWindow, window: SolvedWindow) -> SolvedWindow:

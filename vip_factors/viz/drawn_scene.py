@@ -96,7 +96,6 @@ class DrawnScene:
     """Everything in one world, on the recording's clock.
 
     Attributes:
-        cameras: an estimate labels the detections of the scene's first camera only; those of others are nobody's.
         estimate: None if there is none, or of one wearer alone.
         apart: whether the wearers were moved apart, because their places beside each other are unknown.
     """
@@ -232,7 +231,7 @@ def _cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | 
         )
     pairs = () if estimate is None else camera_pairs(scene, estimate)
     drawn = list[DrawnCamera]()
-    for number, camera in enumerate(scene.cameras):
+    for camera in scene.cameras:
         camera_estimate = next((estimated for camera_of_scene, estimated in pairs if camera_of_scene is camera), None)
         path = None if camera_estimate is None else camera_estimate.path
         path = path if path is None or gauge is None else move_path(path, gauge)
@@ -240,8 +239,8 @@ def _cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | 
         labels = np.full(len(camera.detections), NOBODY)
         if estimate is None and camera.truth is not None:
             labels = camera.truth.wearer
-        elif estimate is not None and number == 0 and len(estimate.wearer_of_detection) == len(labels):
-            labels = estimate.wearer_of_detection
+        elif camera_estimate is not None and len(camera_estimate.wearer_of_detection) == len(labels):
+            labels = camera_estimate.wearer_of_detection
         if path is None:
             path, true_path = true_path, None
         lens = camera_estimate or camera

@@ -1,6 +1,6 @@
 """The Rerun layout: curves, summaries in Markdown, panels and the eye."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,10 +67,10 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
     titles: dict[str, str] = {}
     for wearer in drawn.wearers:
         name, curve = rr.escape_entity_path_part(wearer.name), {wearer.name: wearer_colour(wearer.index)}
-        pixels = _reprojection_px(drawn, wearer)
-        if pixels is not None:
-            entity = "/plots/reprojection_px"
-            log_curves(stream, f"{entity}/{name}", drawn.films()[0][1].time, pixels[:, None], curve)
+        for camera, time, pixels in _reprojection_px(drawn, wearer):
+            entity, place = "/plots/reprojection_px", f", {camera}" if len(drawn.cameras) > 1 else ""
+            path = f"{entity}/{rr.escape_entity_path_part(wearer.name + place)}"
+            log_curves(stream, path, time, pixels[:, None], {wearer.name + place: wearer_colour(wearer.index)})
             titles[entity] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             entity = "/plots/joint_error_mm"
@@ -329,18 +329,22 @@ def scene_summary(drawn: DrawnScene) -> str:
     return "\n".join(lines)
 
 
-def _reprojection_px(drawn: DrawnScene, wearer: DrawnWearer) -> Array | None:
-    """Reprojection error of an estimate in the first camera, the one with labels; None without one."""
-    return None if not drawn.cameras or drawn.estimate is None else drawn.cameras[0].reprojection_px(wearer)
+def _reprojection_px(drawn: DrawnScene, wearer: DrawnWearer) -> Iterator[tuple[str, Array, Array]]:
+    """Name of each camera, times ``(F,)`` of its video and reprojection errors ``(F,)`` of an estimate in pixels."""
+    for camera in () if drawn.estimate is None else drawn.cameras:
+        errors = camera.reprojection_px(wearer)
+        if errors is not None and camera.detections is not None:
+            yield camera.name, camera.detections.time, errors
 
 
 def _error_table(drawn: DrawnScene) -> Table:
     """Errors of each wearer against the truth and the picture."""
     rows: list[Row] = []
     for wearer in drawn.wearers:
-        error, pixels = wearer.error_mm, _reprojection_px(drawn, wearer)
+        error = wearer.error_mm
+        pixels = np.concatenate([np.zeros(0), *(errors for _, _, errors in _reprojection_px(drawn, wearer))])
         mean, percentile_95 = (np.nan, np.nan) if error is None else (error.mean(), np.percentile(error, 95))
-        median = np.nan if pixels is None else np.nanmedian(pixels)
+        median = np.nanmedian(pixels) if len(pixels) else np.nan
         if np.isfinite([mean, median]).any():
             rows.append((wearer.name, *(Quantity(float(value), decimals=1) for value in (mean, percentile_95, median))))
     return Table(("wearer", "joint error, mm", "95 % below", "reprojection, px"), rows)

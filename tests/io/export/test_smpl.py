@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from animated import TENTH_MM, filmed, smpl_joints, zup
+from scene_sample import with_labels
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import InputError
@@ -155,6 +156,6 @@ def test_old_readers_know_all_that_is_in_it(tmp_path: Path) -> None:
 
 
 def test_another_recording_is_refused(recording: Path, tmp_path: Path) -> None:
-    strange = replace(filmed()[1], wearer_of_detection=np.zeros(5, int))
+    strange = with_labels(filmed()[1], np.zeros(5, int))
     with pytest.raises(InputError, match="5"):
         export(strange, tmp_path / "a.pkl", ExportSettings(recording=recording))

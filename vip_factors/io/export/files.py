@@ -152,8 +152,10 @@ def _one_wearer(estimate: Estimate, number: int) -> Estimate:
     return replace(
         estimate,
         wearers=(estimate.wearers[number],),
-        cameras=tuple(replace(camera, residual_px=None) for camera in estimate.cameras),
-        wearer_of_detection=np.where(estimate.wearer_of_detection == number, 0, -1),
+        cameras=tuple(
+            replace(camera, residual_px=None, wearer_of_detection=np.where(camera.wearer_of_detection == number, 0, -1))
+            for camera in estimate.cameras
+        ),
     )
 
 

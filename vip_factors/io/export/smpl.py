@@ -66,15 +66,14 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     """
     scene = None if settings.recording is None else _scene(settings.recording, estimate)
     frame_time = estimate.wearers[0].motion.time
-    # The camera whose detections the estimate assigns to wearers.
     pairs = () if scene is None else camera_pairs(scene, estimate)
-    filmed = next((pair for pair in pairs if scene is not None and pair[0] is scene.camera), None)
+    filmed = next(iter(pairs), None)
     if filmed is not None:
         time = filmed[0].detections.timed(filmed[1].clock).time
     else:
         time = frame_times(frame_time, settings.frame_rate or VIDEO_RATE)
     people = [_person(wearer, time) for wearer in estimate.wearers]
-    poses2d = [_poses2d(number, estimate, filmed, len(time)) for number in range(len(people))]
+    poses2d = [_poses2d(number, filmed, len(time)) for number in range(len(people))]
     frames_60hz = np.rint((time - frame_time[0]) * IMU_RATE).astype(int)
     sexes = {} if scene is None else {wearer.subject.name: wearer.subject.sex for wearer in scene.wearers}
     # Frames in which a wearer is in the picture: by detections, if the recording is given.
@@ -99,12 +98,13 @@ def _scene(path: Path, estimate: Estimate) -> Scene:
     from vip_factors.io.mcap_recording import read_scene
 
     scene = read_scene(path)
-    detections = 0 if scene.camera is None else len(scene.camera.detections)
-    if len(estimate.wearer_of_detection) not in (0, detections):
-        raise InputError(
-            f"{path} has {detections} detections, the estimate knows of {len(estimate.wearer_of_detection)}: expected "
-            "the recording that it was made from"
-        )
+    for camera, estimated in camera_pairs(scene, estimate):
+        count, labelled = len(camera.detections), len(estimated.wearer_of_detection)
+        if labelled not in (0, count):
+            raise InputError(
+                f"{path}, camera '{camera.name}', has {count} detections, the estimate knows of {labelled}: expected "
+                "the recording that it was made from"
+            )
     return scene
 
 
@@ -135,12 +135,12 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
     return {"cam_poses": cam_poses, "cam_intrinsics": camera.model.K}
 
 
-def _poses2d(number: int, estimate: Estimate, pair: tuple[Camera, CameraEstimate] | None, frames: int) -> Array:
+def _poses2d(number: int, pair: tuple[Camera, CameraEstimate] | None, frames: int) -> Array:
     """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero without a detection."""
     poses = np.zeros((frames, 3, len(COCO18)))
     if pair is None:
         return poses
-    mine = pair[0].detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
+    mine = pair[0].detections.select(np.flatnonzero(pair[1].wearer_of_detection == number))
     confidence, pixels = _coco18(mine)
     model = pair[1].model
     straight = model.normalise(pixels) * np.array(model.focal) + np.array(model.centre)

@@ -26,7 +26,7 @@ from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__
 from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n!vip_factors/camera_estimate.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1avip_factors/geometry.proto\"\xdc\x01\n\x12\x43\x61meraEstimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x15\n\rtime_offset_s\x18\x02 \x01(\x01\x12\r\n\x05poses\x18\x03 \x01(\x04\x12\x15\n\rhas_residuals\x18\x04 \x01(\x08\x12\x0f\n\x07wearers\x18\x05 \x01(\x04\x12\x17\n\x0fresidual_frames\x18\x06 \x01(\x04\x12\x12\n\ntime_drift\x18\x07 \x01(\x01\x12\x13\n\x0b\x63lock_sigma\x18\x08 \x03(\x01\x12\x18\n\x0b\x66ocal_sigma\x18\t \x01(\x01H\x00\x88\x01\x01\x42\x0e\n\x0c_focal_sigma\"\xd1\x01\n\nCameraPose\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07seconds\x18\x02 \x01(\x01\x12\r\n\x05\x66rame\x18\x03 \x01(\x04\x12\x32\n\rrotation_wxyz\x18\x04 \x01(\x0b\x32\x1b.vip_factors.QuaternionWxyz\x12,\n\x0ep_world_camera\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x12\n\ncovariance\x18\x06 \x03(\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n!vip_factors/camera_estimate.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1avip_factors/geometry.proto\"\xf9\x01\n\x12\x43\x61meraEstimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x15\n\rtime_offset_s\x18\x02 \x01(\x01\x12\r\n\x05poses\x18\x03 \x01(\x04\x12\x15\n\rhas_residuals\x18\x04 \x01(\x08\x12\x0f\n\x07wearers\x18\x05 \x01(\x04\x12\x17\n\x0fresidual_frames\x18\x06 \x01(\x04\x12\x12\n\ntime_drift\x18\x07 \x01(\x01\x12\x13\n\x0b\x63lock_sigma\x18\x08 \x03(\x01\x12\x18\n\x0b\x66ocal_sigma\x18\t \x01(\x01H\x00\x88\x01\x01\x12\x1b\n\x13wearer_of_detection\x18\n \x03(\x11\x42\x0e\n\x0c_focal_sigma\"\xd1\x01\n\nCameraPose\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07seconds\x18\x02 \x01(\x01\x12\r\n\x05\x66rame\x18\x03 \x01(\x04\x12\x32\n\rrotation_wxyz\x18\x04 \x01(\x0b\x32\x1b.vip_factors.QuaternionWxyz\x12,\n\x0ep_world_camera\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x12\n\ncovariance\x18\x06 \x03(\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -34,7 +34,7 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.camera_estimate
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_CAMERAESTIMATEINFO']._serialized_start=112
-  _globals['_CAMERAESTIMATEINFO']._serialized_end=332
-  _globals['_CAMERAPOSE']._serialized_start=335
-  _globals['_CAMERAPOSE']._serialized_end=544
+  _globals['_CAMERAESTIMATEINFO']._serialized_end=361
+  _globals['_CAMERAPOSE']._serialized_start=364
+  _globals['_CAMERAPOSE']._serialized_end=573
 # @@protoc_insertion_point(module_scope)

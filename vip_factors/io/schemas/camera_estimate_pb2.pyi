@@ -8,7 +8,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CameraEstimateInfo(_message.Message):
-    __slots__ = ("name", "time_offset_s", "poses", "has_residuals", "wearers", "residual_frames", "time_drift", "clock_sigma", "focal_sigma")
+    __slots__ = ("name", "time_offset_s", "poses", "has_residuals", "wearers", "residual_frames", "time_drift", "clock_sigma", "focal_sigma", "wearer_of_detection")
     NAME_FIELD_NUMBER: _ClassVar[int]
     TIME_OFFSET_S_FIELD_NUMBER: _ClassVar[int]
     POSES_FIELD_NUMBER: _ClassVar[int]
@@ -18,6 +18,7 @@ class CameraEstimateInfo(_message.Message):
     TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
     CLOCK_SIGMA_FIELD_NUMBER: _ClassVar[int]
     FOCAL_SIGMA_FIELD_NUMBER: _ClassVar[int]
+    WEARER_OF_DETECTION_FIELD_NUMBER: _ClassVar[int]
     name: str
     time_offset_s: float
     poses: int
@@ -27,7 +28,8 @@ class CameraEstimateInfo(_message.Message):
     time_drift: float
     clock_sigma: _containers.RepeatedScalarFieldContainer[float]
     focal_sigma: float
-    def __init__(self, name: _Optional[str] = ..., time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_residuals: bool = ..., wearers: _Optional[int] = ..., residual_frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., clock_sigma: _Optional[_Iterable[float]] = ..., focal_sigma: _Optional[float] = ...) -> None: ...
+    wearer_of_detection: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, name: _Optional[str] = ..., time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_residuals: bool = ..., wearers: _Optional[int] = ..., residual_frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., clock_sigma: _Optional[_Iterable[float]] = ..., focal_sigma: _Optional[float] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class CameraPose(_message.Message):
     __slots__ = ("timestamp", "seconds", "frame", "rotation_wxyz", "p_world_camera", "covariance")

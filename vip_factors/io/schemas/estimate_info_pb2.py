@@ -28,7 +28,7 @@ from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb
 from vip_factors.io.schemas import subject_pb2 as vip__factors_dot_subject__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/estimate_info.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1bvip_factors/body_pose.proto\x1a\x1avip_factors/geometry.proto\x1a\x19vip_factors/subject.proto\"\xde\x04\n\x0c\x45stimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06method\x18\x02 \x01(\t\x12\x39\n\x08settings\x18\x03 \x03(\x0b\x32\'.vip_factors.EstimateInfo.SettingsEntry\x12)\n\x05start\x18\x04 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07\x63lock_s\x18\x11 \x01(\x01\x12\x10\n\x08\x66indings\x18\x05 \x03(\t\x12\x15\n\rfinding_kinds\x18\x06 \x03(\t\x12\x0f\n\x07sensors\x18\x07 \x03(\t\x12\x16\n\x0eresidual_kinds\x18\x08 \x03(\t\x12.\n\x0cstart_choice\x18\t \x01(\x0b\x32\x18.vip_factors.StartChoice\x12\'\n\x06motion\x18\n \x01(\x0b\x32\x17.vip_factors.MotionInfo\x12\'\n\x04\x62ody\x18\x0b \x01(\x0b\x32\x19.vip_factors.BodyEstimate\x12:\n\x10sensor_positions\x18\x0c \x03(\x0b\x32 .vip_factors.SensorPlaceEstimate\x12\x15\n\rwearer_topics\x18\r \x03(\t\x12\x1b\n\x13wearer_of_detection\x18\x0e \x03(\x11\x12\x13\n\x0b\x61ssociation\x18\x0f \x03(\t\x12/\n\x08\x64\x65tector\x18\x10 \x01(\x0b\x32\x1d.vip_factors.DetectorEstimate\x1a/\n\rSettingsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"R\n\x0bStartChoice\x12\x12\n\nhypothesis\x18\x01 \x01(\t\x12\r\n\x05rival\x18\x02 \x01(\t\x12\x0e\n\x06margin\x18\x03 \x01(\x01\x12\x10\n\x08\x64oubtful\x18\x04 \x03(\t\"\xc3\x01\n\x0c\x42odyEstimate\x12\x0f\n\x07lengths\x18\x01 \x03(\t\x12\x0f\n\x07prior_m\x18\x02 \x03(\x01\x12\x0f\n\x07\x66ound_m\x18\x03 \x03(\x01\x12\x1b\n\x13prior_covariance_m2\x18\x04 \x03(\x01\x12\x15\n\rcovariance_m2\x18\x05 \x03(\x01\x12\"\n\x06hinges\x18\x06 \x03(\x0b\x32\x12.vip_factors.Hinge\x12(\n\x0cprior_hinges\x18\x07 \x03(\x0b\x32\x12.vip_factors.Hinge\"\xd5\x01\n\x13SensorPlaceEstimate\x12\x0e\n\x06sensor\x18\x01 \x01(\t\x12\x0c\n\x04\x62one\x18\x02 \x01(\t\x12%\n\x07prior_m\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07\x66ound_m\x18\x04 \x01(\x0b\x32\x14.vip_factors.Vector3\x12+\n\rprior_sigma_m\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07sigma_m\x18\x06 \x01(\x0b\x32\x14.vip_factors.Vector3\"\x8e\x02\n\x10\x44\x65tectorEstimate\x12\x39\n\tkeypoints\x18\x01 \x03(\x0b\x32&.vip_factors.DetectorEstimate.Keypoint\x1a\xbe\x01\n\x08Keypoint\x12\x10\n\x08keypoint\x18\x01 \x01(\t\x12%\n\x07prior_m\x18\x02 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07\x66ound_m\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x12+\n\rprior_sigma_m\x18\x04 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07sigma_m\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\"\x8d\x04\n\x0bSolveReport\x12\r\n\x05stage\x18\x01 \x01(\t\x12\x36\n\niterations\x18\x02 \x03(\x0b\x32\".vip_factors.SolveReport.Iteration\x12?\n\x0cinitial_cost\x18\x03 \x03(\x0b\x32).vip_factors.SolveReport.InitialCostEntry\x12;\n\nfinal_cost\x18\x04 \x03(\x0b\x32\'.vip_factors.SolveReport.FinalCostEntry\x12\x11\n\tconverged\x18\x05 \x01(\x08\x12\x0f\n\x07seconds\x18\x06 \x01(\x01\x1a\xae\x01\n\tIteration\x12\x0c\n\x04\x63ost\x18\x01 \x01(\x01\x12\x0f\n\x07\x64\x61mping\x18\x02 \x01(\x01\x12\x10\n\x08\x61\x63\x63\x65pted\x18\x03 \x01(\x08\x12@\n\x07seconds\x18\x04 \x03(\x0b\x32/.vip_factors.SolveReport.Iteration.SecondsEntry\x1a.\n\x0cSecondsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x1a\x32\n\x10InitialCostEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x1a\x30\n\x0e\x46inalCostEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\"\x9b\x01\n\tResiduals\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12*\n\x05kinds\x18\x03 \x03(\x0b\x32\x1b.vip_factors.Residuals.Kind\x1a$\n\x04Kind\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06values\x18\x02 \x03(\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1fvip_factors/estimate_info.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1bvip_factors/body_pose.proto\x1a\x1avip_factors/geometry.proto\x1a\x19vip_factors/subject.proto\"\xe2\x04\n\x0c\x45stimateInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06method\x18\x02 \x01(\t\x12\x39\n\x08settings\x18\x03 \x03(\x0b\x32\'.vip_factors.EstimateInfo.SettingsEntry\x12)\n\x05start\x18\x04 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07\x63lock_s\x18\x11 \x01(\x01\x12\x10\n\x08\x66indings\x18\x05 \x03(\t\x12\x15\n\rfinding_kinds\x18\x06 \x03(\t\x12\x0f\n\x07sensors\x18\x07 \x03(\t\x12\x16\n\x0eresidual_kinds\x18\x08 \x03(\t\x12.\n\x0cstart_choice\x18\t \x01(\x0b\x32\x18.vip_factors.StartChoice\x12\'\n\x06motion\x18\n \x01(\x0b\x32\x17.vip_factors.MotionInfo\x12\'\n\x04\x62ody\x18\x0b \x01(\x0b\x32\x19.vip_factors.BodyEstimate\x12:\n\x10sensor_positions\x18\x0c \x03(\x0b\x32 .vip_factors.SensorPlaceEstimate\x12\x15\n\rwearer_topics\x18\r \x03(\t\x12\x1f\n\x13wearer_of_detection\x18\x0e \x03(\x11\x42\x02\x18\x01\x12\x13\n\x0b\x61ssociation\x18\x0f \x03(\t\x12/\n\x08\x64\x65tector\x18\x10 \x01(\x0b\x32\x1d.vip_factors.DetectorEstimate\x1a/\n\rSettingsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"R\n\x0bStartChoice\x12\x12\n\nhypothesis\x18\x01 \x01(\t\x12\r\n\x05rival\x18\x02 \x01(\t\x12\x0e\n\x06margin\x18\x03 \x01(\x01\x12\x10\n\x08\x64oubtful\x18\x04 \x03(\t\"\xc3\x01\n\x0c\x42odyEstimate\x12\x0f\n\x07lengths\x18\x01 \x03(\t\x12\x0f\n\x07prior_m\x18\x02 \x03(\x01\x12\x0f\n\x07\x66ound_m\x18\x03 \x03(\x01\x12\x1b\n\x13prior_covariance_m2\x18\x04 \x03(\x01\x12\x15\n\rcovariance_m2\x18\x05 \x03(\x01\x12\"\n\x06hinges\x18\x06 \x03(\x0b\x32\x12.vip_factors.Hinge\x12(\n\x0cprior_hinges\x18\x07 \x03(\x0b\x32\x12.vip_factors.Hinge\"\xd5\x01\n\x13SensorPlaceEstimate\x12\x0e\n\x06sensor\x18\x01 \x01(\t\x12\x0c\n\x04\x62one\x18\x02 \x01(\t\x12%\n\x07prior_m\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07\x66ound_m\x18\x04 \x01(\x0b\x32\x14.vip_factors.Vector3\x12+\n\rprior_sigma_m\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07sigma_m\x18\x06 \x01(\x0b\x32\x14.vip_factors.Vector3\"\x8e\x02\n\x10\x44\x65tectorEstimate\x12\x39\n\tkeypoints\x18\x01 \x03(\x0b\x32&.vip_factors.DetectorEstimate.Keypoint\x1a\xbe\x01\n\x08Keypoint\x12\x10\n\x08keypoint\x18\x01 \x01(\t\x12%\n\x07prior_m\x18\x02 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07\x66ound_m\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x12+\n\rprior_sigma_m\x18\x04 \x01(\x0b\x32\x14.vip_factors.Vector3\x12%\n\x07sigma_m\x18\x05 \x01(\x0b\x32\x14.vip_factors.Vector3\"\x8d\x04\n\x0bSolveReport\x12\r\n\x05stage\x18\x01 \x01(\t\x12\x36\n\niterations\x18\x02 \x03(\x0b\x32\".vip_factors.SolveReport.Iteration\x12?\n\x0cinitial_cost\x18\x03 \x03(\x0b\x32).vip_factors.SolveReport.InitialCostEntry\x12;\n\nfinal_cost\x18\x04 \x03(\x0b\x32\'.vip_factors.SolveReport.FinalCostEntry\x12\x11\n\tconverged\x18\x05 \x01(\x08\x12\x0f\n\x07seconds\x18\x06 \x01(\x01\x1a\xae\x01\n\tIteration\x12\x0c\n\x04\x63ost\x18\x01 \x01(\x01\x12\x0f\n\x07\x64\x61mping\x18\x02 \x01(\x01\x12\x10\n\x08\x61\x63\x63\x65pted\x18\x03 \x01(\x08\x12@\n\x07seconds\x18\x04 \x03(\x0b\x32/.vip_factors.SolveReport.Iteration.SecondsEntry\x1a.\n\x0cSecondsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x1a\x32\n\x10InitialCostEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x1a\x30\n\x0e\x46inalCostEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\"\x9b\x01\n\tResiduals\x12-\n\ttimestamp\x18\x01 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\r\n\x05\x66rame\x18\x02 \x01(\x04\x12*\n\x05kinds\x18\x03 \x03(\x0b\x32\x1b.vip_factors.Residuals.Kind\x1a$\n\x04Kind\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06values\x18\x02 \x03(\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -37,6 +37,8 @@ if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_ESTIMATEINFO_SETTINGSENTRY']._loaded_options = None
   _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_options = b'8\001'
+  _globals['_ESTIMATEINFO'].fields_by_name['wearer_of_detection']._loaded_options = None
+  _globals['_ESTIMATEINFO'].fields_by_name['wearer_of_detection']._serialized_options = b'\030\001'
   _globals['_SOLVEREPORT_ITERATION_SECONDSENTRY']._loaded_options = None
   _globals['_SOLVEREPORT_ITERATION_SECONDSENTRY']._serialized_options = b'8\001'
   _globals['_SOLVEREPORT_INITIALCOSTENTRY']._loaded_options = None
@@ -44,31 +46,31 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_SOLVEREPORT_FINALCOSTENTRY']._loaded_options = None
   _globals['_SOLVEREPORT_FINALCOSTENTRY']._serialized_options = b'8\001'
   _globals['_ESTIMATEINFO']._serialized_start=166
-  _globals['_ESTIMATEINFO']._serialized_end=772
-  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_start=725
-  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_end=772
-  _globals['_STARTCHOICE']._serialized_start=774
-  _globals['_STARTCHOICE']._serialized_end=856
-  _globals['_BODYESTIMATE']._serialized_start=859
-  _globals['_BODYESTIMATE']._serialized_end=1054
-  _globals['_SENSORPLACEESTIMATE']._serialized_start=1057
-  _globals['_SENSORPLACEESTIMATE']._serialized_end=1270
-  _globals['_DETECTORESTIMATE']._serialized_start=1273
-  _globals['_DETECTORESTIMATE']._serialized_end=1543
-  _globals['_DETECTORESTIMATE_KEYPOINT']._serialized_start=1353
-  _globals['_DETECTORESTIMATE_KEYPOINT']._serialized_end=1543
-  _globals['_SOLVEREPORT']._serialized_start=1546
-  _globals['_SOLVEREPORT']._serialized_end=2071
-  _globals['_SOLVEREPORT_ITERATION']._serialized_start=1795
-  _globals['_SOLVEREPORT_ITERATION']._serialized_end=1969
-  _globals['_SOLVEREPORT_ITERATION_SECONDSENTRY']._serialized_start=1923
-  _globals['_SOLVEREPORT_ITERATION_SECONDSENTRY']._serialized_end=1969
-  _globals['_SOLVEREPORT_INITIALCOSTENTRY']._serialized_start=1971
-  _globals['_SOLVEREPORT_INITIALCOSTENTRY']._serialized_end=2021
-  _globals['_SOLVEREPORT_FINALCOSTENTRY']._serialized_start=2023
-  _globals['_SOLVEREPORT_FINALCOSTENTRY']._serialized_end=2071
-  _globals['_RESIDUALS']._serialized_start=2074
-  _globals['_RESIDUALS']._serialized_end=2229
-  _globals['_RESIDUALS_KIND']._serialized_start=2193
-  _globals['_RESIDUALS_KIND']._serialized_end=2229
+  _globals['_ESTIMATEINFO']._serialized_end=776
+  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_start=729
+  _globals['_ESTIMATEINFO_SETTINGSENTRY']._serialized_end=776
+  _globals['_STARTCHOICE']._serialized_start=778
+  _globals['_STARTCHOICE']._serialized_end=860
+  _globals['_BODYESTIMATE']._serialized_start=863
+  _globals['_BODYESTIMATE']._serialized_end=1058
+  _globals['_SENSORPLACEESTIMATE']._serialized_start=1061
+  _globals['_SENSORPLACEESTIMATE']._serialized_end=1274
+  _globals['_DETECTORESTIMATE']._serialized_start=1277
+  _globals['_DETECTORESTIMATE']._serialized_end=1547
+  _globals['_DETECTORESTIMATE_KEYPOINT']._serialized_start=1357
+  _globals['_DETECTORESTIMATE_KEYPOINT']._serialized_end=1547
+  _globals['_SOLVEREPORT']._serialized_start=1550
+  _globals['_SOLVEREPORT']._serialized_end=2075
+  _globals['_SOLVEREPORT_ITERATION']._serialized_start=1799
+  _globals['_SOLVEREPORT_ITERATION']._serialized_end=1973
+  _globals['_SOLVEREPORT_ITERATION_SECONDSENTRY']._serialized_start=1927
+  _globals['_SOLVEREPORT_ITERATION_SECONDSENTRY']._serialized_end=1973
+  _globals['_SOLVEREPORT_INITIALCOSTENTRY']._serialized_start=1975
+  _globals['_SOLVEREPORT_INITIALCOSTENTRY']._serialized_end=2025
+  _globals['_SOLVEREPORT_FINALCOSTENTRY']._serialized_start=2027
+  _globals['_SOLVEREPORT_FINALCOSTENTRY']._serialized_end=2075
+  _globals['_RESIDUALS']._serialized_start=2078
+  _globals['_RESIDUALS']._serialized_end=2233
+  _globals['_RESIDUALS_KIND']._serialized_start=2197
+  _globals['_RESIDUALS_KIND']._serialized_end=2233
 # @@protoc_insertion_point(module_scope)

@@ -13,6 +13,7 @@ from tests.studies.study import Study, Tell, columns
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, camera_pairs
 from vip_factors.evaluate.evaluation import evaluate_motion
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.findings import sentences
@@ -101,17 +102,20 @@ def recording_trials(name: str, scene: Scene, with_live: bool) -> Iterator[Recor
         yield RecordingTrial(
             name, recording.subject.name, end - start, _errors(own.motion, truth, start), live, late, batch_s, live_s,
             sentences(dict.fromkeys((*estimate.findings, *own.findings))), said,
-            who_is_who(scene, estimate.wearer_of_detection, wearer),
+            who_is_who(scene, estimate, wearer),
         )  # fmt: skip
 
 
-def who_is_who(scene: Scene, given: np.ndarray, wearer: int) -> tuple[float, float]:
-    """Precision and recall of one wearer's detections in percent; NaN without truth, or where there is none."""
-    truth = None if scene.camera is None else scene.camera.truth
-    if truth is None or len(given) != len(truth.wearer):
-        return np.nan, np.nan
-    right = np.sum((given == wearer) & (truth.wearer == wearer))
-    counts = [np.sum(one == wearer) for one in (given, truth.wearer)]
+def who_is_who(scene: Scene, estimate: Estimate, wearer: int) -> tuple[float, float]:
+    """Precision and recall of one wearer's detections in all cameras in percent; NaN without truth or detections."""
+    true, given = [np.zeros(0, int)], [np.zeros(0, int)]
+    for camera, estimated in camera_pairs(scene, estimate):
+        if camera.truth is not None and len(estimated.wearer_of_detection):
+            true.append(camera.truth.wearer)
+            given.append(estimated.wearer_of_detection)
+    is_true, is_given = (np.concatenate(labels) == wearer for labels in (true, given))
+    right = np.sum(is_true & is_given)
+    counts = [np.sum(labels) for labels in (is_given, is_true)]
     precision, recall = (float(100 * right / count) if count else np.nan for count in counts)
     return precision, recall
 

@@ -14,6 +14,7 @@ from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.scene import Scene
 
 QUICK = ("--frame-rate", "15", "--no-covariance", "--fusion.rounds", "1", "--solve.max-iterations", "3")
+HASTY = (*QUICK, "--assignment.no-check", "--calibration.start.no-search")
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +60,7 @@ def test_findings_are_told_by_their_weight(run: Callable, filmed: Path, tmp_path
     write_recording(
         replace(scene, cameras=(replace(scene.camera, detections=nobody, truth=None),)), tmp_path / "empty.mcap"
     )
-    told = run("smooth", tmp_path / "empty.mcap", *QUICK)
+    told = run("smooth", tmp_path / "empty.mcap", *HASTY)
     assert told.code == 0, told.err
     assert "care: the video is not used: nobody is visible" in told.out
     assert "of the IMUs alone" in told.out
@@ -71,7 +72,7 @@ def test_a_damaged_scene_is_used_as_far_as_it_goes_or_refused(
 ) -> None:
     content = filmed.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(content[: int(share * len(content))])
-    told = run("smooth", tmp_path / "cut.mcap", *QUICK)
+    told = run("smooth", tmp_path / "cut.mcap", *HASTY)
     assert "cut.mcap" in told.err
     assert "cut off at byte" in told.err
     assert "Traceback" not in told.err
@@ -85,7 +86,7 @@ def test_wearers_who_share_no_time_are_refused(run: Callable, filmed: Path, tmp_
     late = {name: replace(stream, time=stream.time + 60.0) for name, stream in first.imus.items()}
     second = replace(first, imus=late, subject=replace(first.subject, name="bob"), truth=None)
     write_recording(Scene("apart", (first, second), (scene.camera,)), tmp_path / "apart.mcap")
-    told = run("smooth", tmp_path / "apart.mcap", *QUICK)
+    told = run("smooth", tmp_path / "apart.mcap", *HASTY)
     assert told.code == 2
     assert told.err.count("\n") == 1
     assert "'apart'" in told.err

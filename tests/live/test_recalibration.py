@@ -9,7 +9,7 @@ from threading import Thread, current_thread
 import numpy as np
 import pytest
 from filmed_gestures import filmed_gestures
-from tracked import SETTINGS, Tracked, filmed, track
+from tracked import QUICK, SETTINGS, Tracked, filmed, track
 
 from vip_factors.body.model_errors import FILMED
 from vip_factors.body.skeleton import joint_index
@@ -25,6 +25,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import RecalibrationSettings
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
+EARLY = replace(QUICK, recalibration=RecalibrationSettings(first_s=1.5, delay_s=0.4))
 
 
 def of_unknown_body(scene: Scene) -> Scene:
@@ -80,9 +81,9 @@ def test_without_a_camera_tracking_goes_on_with_it_too() -> None:
 
 def test_one_that_tracking_cannot_go_on_with_is_told() -> None:
     """No video comes after the first calibration's data: the next one takes its place before a wearer is seen again."""
-    scene = of_unknown_body(filmed_gestures("fixed", 5.6))
-    dark = [sample for sample in live_samples(scene) if isinstance(sample, ImuSample) or sample.time < 2.3]
-    tracked = track(scene, dark, OFTEN)
+    scene = of_unknown_body(filmed_gestures("fixed", 3.6))
+    dark = [sample for sample in live_samples(scene) if isinstance(sample, ImuSample) or sample.time < 1.3]
+    tracked = track(scene, dark, EARLY)
     told = [
         finding
         for answer in tracked.answers

@@ -25,6 +25,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, frames_of, without_gaps
 from vip_factors.settings import (
+    AssignmentSettings,
     CalibrationSettings,
     SensorClockSettings,
     Settings,
@@ -46,6 +47,7 @@ from vip_factors.stages.windows import WindowPlan, plan_scene
 QUICK = Settings(
     frame_rate=10.0,
     covariance=False,
+    assignment=AssignmentSettings(check=False),
     calibration=CalibrationSettings(passes=0, start=StartSettings(search=False)),
     solve=SolveSettings(relative_decrease=1e-7),
     windows=WindowSettings(above_s=1.0, window_s=1000.0, overlap_s=2.0),

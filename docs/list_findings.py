@@ -7,9 +7,9 @@ from vip_factors.tables import Table, markdown
 
 HEAD = ("what is wrong", "what it affects", "what to do", "kind")
 SAYS = {
-    Severity.DOUBT: "Do not rely on the results before this is settled",
+    Severity.DOUBT: "Do not rely on the results before this is resolved",
     Severity.CARE: "Usable with care",
-    Severity.NOTE: "Notes: nothing speaks against the results",
+    Severity.NOTE: "Notes: the results are usable",
 }
 
 

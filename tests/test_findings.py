@@ -12,11 +12,11 @@ def test_a_sentence_has_names_and_numbers() -> None:
     drift = Finding("heading drift", "Ada", numbers={"head": 12.4, "left_foot": -30.0})
     assert str(drift).startswith("wearer 'Ada': headings drifted: head by +12°, left_foot by -30° from the start")
     scatter = Finding("scatter", "Ada", camera="left", numbers={"scatter": 1.25}, words={"pose": ""})
-    assert str(scatter).startswith("camera 'left': wearer 'Ada': the keypoints scatter about the skeleton 1.25 times")
+    assert str(scatter).startswith("camera 'left': wearer 'Ada': the scatter of keypoints about the skeleton is 1.25")
 
 
 def test_names_are_no_templates() -> None:
-    assert "wearer '{0}': the computation" in str(Finding("not converged", "{0}", subject="{1}"))
+    assert "wearer '{0}': the solver" in str(Finding("not converged", "{0}", subject="{1}"))
 
 
 @pytest.mark.parametrize("kind", [one for one in KINDS if one != TEXT])
@@ -59,7 +59,7 @@ def test_findings_of_windows_are_told_once() -> None:
     assert log.take() == ()
     log.close()
     told = sentences(log.take())
-    assert "leaps in the picture at 2.00 s" in told[0]
+    assert "jumps in the image at 2.00 s" in told[0]
     assert told[0].endswith("(from 0 to 60 s, and in 2 more windows)")
     assert told[1].endswith("(from 0 to 60 s)")
     assert "'Cem'" in told[2]

@@ -150,7 +150,7 @@ def test_without_a_camera_nobody_knows_who_stands_where() -> None:
     assert estimate.method == "SIP"
     assert estimate.camera is None
     assert len(estimate.wearers) == 2
-    assert any("not placed relative to one another" in one for one in sentences(estimate.findings))
+    assert any("the relative positions of the wearers are unknown" in one for one in sentences(estimate.findings))
 
 
 def test_the_videos_clock_is_found_with_its_drift() -> None:

@@ -126,9 +126,9 @@ def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 
 VERDICTS = {
-    Severity.GOOD: "nothing speaks against these results",
+    Severity.GOOD: "no problem was found",
     Severity.CARE: "usable with care",
-    Severity.DOUBT: "do not rely on these results before this is settled",
+    Severity.DOUBT: "do not rely on these results before this is resolved",
 }
 
 

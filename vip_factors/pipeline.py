@@ -123,7 +123,7 @@ def _smooth_all(
         )
     if extra is not None and len(source.wearers) > 1:
         raise InputError(
-            "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
+            "extra factors between several wearers need a camera that sees them; without one the wearers share no world"
         )
     estimates = []
     for recording, start in zip_longest(source.wearers, starts):

@@ -129,7 +129,7 @@ def test_no_input_is_written_over(run, files, tmp_path: Path) -> None:
         ("evaluate", estimate, "--truth", recording, "--json", estimate),
         ("export", estimate, tmp_path / "a.bvh", estimate),
     ):
-        assert_one_sentence(run(*words, "--overwrite"), "is read, and would be written over: choose another name")
+        assert_one_sentence(run(*words, "--overwrite"), "is an input and would be overwritten: choose another")
     assert_one_sentence(run("export", estimate, tmp_path / "a.bvh", tmp_path / "a.bvh"), "named twice")
     assert {path: path.read_bytes() for path in before} == before
     assert [path.name for path in tmp_path.iterdir()] == ["other.mcap"]

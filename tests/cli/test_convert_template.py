@@ -160,8 +160,8 @@ def test_what_nobody_declared_is_printed(run, tmp_path: Path) -> None:
     log = write_raw(tmp_path / "log.csv", 1.0, 1.0)
     log.write_text(log.read_text(encoding="utf-8-sig").replace("TR_", "thing_"))
     told = run("convert", log, "--template", tmp_path / "guess.toml")
-    assert "note: no mounting is declared: the axes of LF, RS are taken as their sites'" in told.err
-    assert "note: no site is known of thing" in told.err
+    assert "note: no mounting is declared: LF, RS have the default axes of their sites" in told.err
+    assert "note: no site is declared for thing" in told.err
 
 
 def test_a_table_of_one_sample_is_refused(run, tmp_path: Path) -> None:

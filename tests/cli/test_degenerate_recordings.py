@@ -62,7 +62,7 @@ def only(*sensors: str) -> Recording:
 
 
 DEGENERATE = {
-    "copies": (copies, Severity.DOUBT, "are copies of the samples of one sensor"),
+    "copies": (copies, Severity.DOUBT, "are copies of one sensor"),
     "slow": (lambda: changed(lambda stream: every(stream, 60)), Severity.DOUBT, "samples a second"),
     "alone": (lambda: only("pelvis"), Severity.CARE, "1 sensor and no camera determines joints"),
     "all": (moving, Severity.CARE, "13 sensors and no camera determine joints"),

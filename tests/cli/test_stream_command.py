@@ -60,7 +60,7 @@ def test_a_recording_is_played_into_all_sinks(run: Callable, scene: Path, tmp_pa
     told = done.err.splitlines()
     assert told[0] == "care: the stream has begun"
     assert f"{FRAMES} frames; update: median 5.0 ms" in told[1]
-    assert told[2:] == ["verdict: CARE, usable with care: Something else was noticed", str(out), str(rrd)]
+    assert told[2:] == ["verdict: CARE, usable with care: Other remark", str(out), str(rrd)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["e.mcap", "e.rrd"]
     estimate = read_estimate(out)
     assert estimate.settings["lag_s"] == "0.25"

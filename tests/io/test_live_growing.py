@@ -134,7 +134,7 @@ def test_a_file_that_becomes_shorter_is_a_format_error(tmp_path: Path) -> None:
         time.sleep(0.1)
         os.truncate(path, 1000)
 
-    with Background(shrink), pytest.raises(FileFormatError, match="has become shorter"):
+    with Background(shrink), pytest.raises(FileFormatError, match="became shorter"):
         followed(path, replace(QUICK, growth_wait=5.0))
 
 

@@ -110,7 +110,7 @@ def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: 
     assert [(one.kind, str(one)) for one in read.findings] == [(one.kind, str(one)) for one in estimate.findings]
     assert [one.kind for one in read.findings] == ["text", "leap"]
     told = terminal_text(estimate_tables(Estimate.of_one(read)))
-    assert re.search("  doubt: +wearer 'Ada': leaps in the picture", told)
+    assert re.search("  doubt: +wearer 'Ada': jumps in the image", told)
     assert re.search("  start: +sensors sit as placed", told)
     assert ("4.5 times less likely" in told) == (margin < 2)
 

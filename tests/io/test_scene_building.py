@@ -75,17 +75,17 @@ def test_the_camera_s_sensor_may_have_a_log_of_its_own(given: CameraOptions, tmp
     with pytest.raises(InputError, match="has no sensor 'fone'; did you mean 'phone'"):
         add_camera(Scene("s", (of("Ada"),)), replace(told, camera_imu="fone"))
     columns.write_text(columns.read_text() + "[sensors.a]\n[sensors.b]\n")
-    with pytest.raises(InputError, match="has the sensors a, b: say which"):
+    with pytest.raises(InputError, match="has the sensors a, b: name the one"):
         add_camera(Scene("s", (of("Ada"),)), told)
 
 
 def test_a_known_pose_is_that_of_the_camera_file(given: CameraOptions) -> None:
     scene = Scene("s", (of("Ada"),))
-    with pytest.raises(InputError, match=r"camera\.toml: its pose cannot be taken as known: it tells no pose"):
+    with pytest.raises(InputError, match=r"camera\.toml: its pose cannot be taken as known: the file has no pose"):
         add_camera(scene, replace(given, static_camera=True, known_camera_pose=True))
     floor = "[floor]\nR_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\np_floor_camera = [0, 0, 1.5]\n"
     given.camera.write_text(CAMERA.format(640, 480) + floor)
-    with pytest.raises(InputError, match="not said to stand still"):
+    with pytest.raises(InputError, match="not declared to stand still"):
         add_camera(scene, replace(given, known_camera_pose=True))
     camera = add_camera(scene, replace(given, static_camera=True, known_camera_pose=True)).camera
     assert camera is not None

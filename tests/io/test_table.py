@@ -91,9 +91,9 @@ def edited(columns: Path, old: str, new: str) -> Path:
         ("'0_acceleration_0', ", "", "expected a list of 3 columns"),
         ("0_acceleration_0", "0_acceleration_1", "each named once"),
         ("0_acceleration_0", "0_acc_0", "no column '0_acc_0'; did you mean '0_acceleration_0'"),
-        ('"wxyz"', '"xyzw"', "quaternion_order 'wxyz' it would stand 0° off|acceleration stands"),
+        ('"wxyz"', '"xyzw"', "quaternion_order 'wxyz' it would be 0° off|acceleration is"),
         ('"wxyz"', '"wxzy"', "quaternion_order 'wxzy'; did you mean 'wxyz'"),
-        ('world_up = "z"', 'world_up = "-z"', "with world_up 'z' it would stand"),
+        ('world_up = "z"', 'world_up = "-z"', "with world_up 'z' it would be"),
         ('"sensor_to_world"', '"sensor_world"', "did you mean 'sensor_to_world'"),
         ('file = "log.csv"', 'file = "lag.csv"', "'lag.csv' is not in .*did you mean 'log.csv'"),
         ('[sensors."pelvis"]', "[sensors.a]\n[sensors.pelvis]", "sensor 'a': no columns named"),
@@ -266,9 +266,9 @@ def test_a_sensor_that_never_rests_is_taken(tmp_path: Path) -> None:
 
 
 def test_a_table_needs_its_map(log: tuple[Path, Path]) -> None:
-    with pytest.raises(InputError, match=r"--columns MAP\.toml, of which --template NAME"):
+    with pytest.raises(InputError, match=r"\(--columns MAP\.toml\); vip-factors convert LOG --template NAME"):
         read_log(log[0])
-    with pytest.raises(InputError, match="needs --columns"):
+    with pytest.raises(InputError, match="needs a column map"):
         import_recording(log[0], ImportOptions(format="table"))
     with pytest.raises(InputError, match="only format 'table' takes one"):
         ImportOptions(format="mvnx", columns=log[1])

@@ -167,7 +167,7 @@ def test_kaichis_estimator_on_a_stream() -> None:
     settings = read_settings(KAICHI, QUICK)
     assert settings.lag_s == QUICK.lag_s
     one = track(placed_camera(), settings=settings)
-    assert all("does not settle how right_forearm" in sentence for sentence in one.findings.splitlines())
+    assert all("does not determine how right_forearm" in sentence for sentence in one.findings.splitlines())
     assert one.error_mm("newest") < 60
     assert placed_cm(one, "newest") < 20
     tracking = begun(settings)._tracking

@@ -119,13 +119,13 @@ def test_a_camera_that_jumps(imu: bool) -> None:
     scene = with_detections(scene, lambda found: spliced(found, camera_of(other).detections))
     if not imu:
         scene = replace(scene, cameras=(replace(camera_of(scene), mount=None),))
-    told = sentence(smooth(scene, HASTY), "leaps", "a cut in the video", "Cut the recording")
+    told = sentence(smooth(scene, HASTY), "jumps", "a cut in the video", "cut the recording")
     assert 1.8 < float(told.split(" at ")[1].split()[0]) < 2.2
 
 
 def test_a_change_of_zoom() -> None:
     scene = with_detections(good(), lambda found: enlarged(found, 1.6, (960, 540)))
-    sentence(smooth(scene, HASTY), "leaps", "a change of zoom", "Cut the recording")
+    sentence(smooth(scene, HASTY), "jumps", "a change of zoom", "cut the recording")
 
 
 def test_clocks_that_are_apart() -> None:

@@ -43,7 +43,7 @@ def of_stature(scene: Scene, stature_m: float) -> Scene:
 @pytest.mark.parametrize(("stature_m", "told"), [(1.60, "larger than one of 1.60 m"), (1.75, None)])
 def test_a_wrong_stature(stature_m: float, told: str | None) -> None:
     findings = sentences(smooth(of_stature(before_two_known_cameras(), stature_m), QUICK).findings)
-    of_bodies = [one for one in findings if "stature and pictures disagree" in one]
+    of_bodies = [one for one in findings if "stature and video disagree" in one]
     assert bool(of_bodies) == (told is not None), findings
     assert told is None or told in of_bodies[0]
 
@@ -156,7 +156,7 @@ def test_what_is_expected_is_not_told() -> None:
 
 def test_a_length_that_is_far_from_expected_is_named() -> None:
     [told, *_] = sentences(body_findings("Ada", found({"forearm": -0.05}), 1.75))
-    assert "stature and pictures disagree about forearm 2" in told
+    assert "stature and video disagree about forearm 2" in told
     assert "thigh" not in told
 
 

@@ -15,7 +15,7 @@ from vip_factors.viz.rerun_layout import MOST_SHOWN, live_summary, scene_summary
 def test_findings_are_a_list_and_names_are_no_markup() -> None:
     scene = scene_sample(0.3)
     text = scene_summary(drawn_scene(scene, replace(estimate_of(scene), findings=(bare("odd"), bare("[a](b)\n| <c>")))))
-    assert "- **verdict**: CARE, usable with care: Something else was noticed\n- **care**: odd\n" in text
+    assert "- **verdict**: CARE, usable with care: Other remark\n- **care**: odd\n" in text
     assert "- **care**: \\[a\\](b) \\| \\<c\\>\n" in text
     assert "- **ann** is orange;" in text
     assert "- **bob** is blue;" in text

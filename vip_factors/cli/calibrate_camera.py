@@ -54,7 +54,7 @@ def main(options: CalibrateCameraOptions) -> None:
         model = read_camera_file(options.source).model
         report: dict[str, str | float | int] = {"intrinsics": str(options.source)}
         if options.floor_image is None:
-            raise InputError(f"{options.source}: a camera file needs --floor-image: there is nothing else to be found")
+            raise InputError(f"{options.source}: a camera file needs --floor-image, which gives the pose")
     else:
         model, warnings, report, views = _calibrated(options, board)
     floor = None

@@ -129,7 +129,7 @@ def _write_templates(options: ConvertOptions) -> None:
     columns = f" --columns {files.columns}" if files.columns is not None else ""
     for sentence in files.undeclared:
         note(f"note: {sentence}")
-    say("first guesses; check them, then:")
+    say("check these files, then run:")
     say(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")
     for path in (files.columns, files.placement):
         if path is not None:

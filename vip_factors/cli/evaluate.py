@@ -53,7 +53,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
     opened = open_one(options.estimate)
     scene, estimate = opened.scene, opened.estimate
     if estimate is None:
-        raise InputError(f"{options.estimate} holds no estimate: expected what vip-factors smooth makes of a recording")
+        raise InputError(f"{options.estimate} holds no estimate: expected a file of vip-factors smooth")
     if options.truth is not None:
         truth = open_one(options.truth)
         if truth.motion is not None:

@@ -49,7 +49,7 @@ def main(options: GaitOptions) -> None:
             estimate = smooth(opened.scene, progress=progress)
         gaits = gaits_of(estimate, scene, options.count)
     if not any(gait.strides for gait in gaits):
-        raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
+        raise InputError(f"{options.source}: no walking was detected: no foot takes two steps")
     for gait in gaits:
         say(gait)
     for path in write_gait(gaits, options.out or beside(options.source, ".gait"), options.overwrite):

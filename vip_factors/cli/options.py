@@ -260,10 +260,10 @@ def keep_inputs(read: Sequence[Path], written: Sequence[Path]) -> None:
     """
     for path in written:
         if any(_same(path, source) for source in read):
-            raise InputError(f"{path} is read, and would be written over: choose another name for what is written")
+            raise InputError(f"{path} is an input and would be overwritten: choose another output name")
     for path, second in combinations(written, 2):
         if _same(path, second):
-            raise InputError(f"{path} is named twice for what is written: give each file a name of its own")
+            raise InputError(f"{path} is named twice as an output: give each output another name")
 
 
 def _same(path: Path, second: Path) -> bool:

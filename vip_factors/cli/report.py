@@ -56,9 +56,7 @@ def main(options: ReportOptions) -> None:
         progress("reading", 0.0)
         opened = open_one(options.estimate)
         if (estimate := opened.estimate) is None:
-            raise InputError(
-                f"{options.estimate} holds no estimate: expected what vip-factors smooth makes of a recording"
-            )
+            raise InputError(f"{options.estimate} holds no estimate: expected a file of vip-factors smooth")
         scene = opened.scene if options.recording is None else read_scene(options.recording)
         truth = None if options.truth is None else read_scene(options.truth)
         from vip_factors.report.page import film_paths, write_report  # late: input is checked first

@@ -123,9 +123,9 @@ def _check(options: RunOptions) -> None:
         if names:
             raise InputError(f"{', '.join(names)} given without --video{'' if poses else ' or --detections'}")
     if options.detections and (options.overlay or options.detect_options):
-        raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
+        raise InputError("--detections replaces the detector: leave out --overlay and --detect-options")
     if any(word.startswith("--fail-on") for word in _words(options.smooth_options)):
-        raise InputError(f"{options.smooth_options}: say --fail-on to run itself")
+        raise InputError(f"{options.smooth_options}: give --fail-on to run, not in --smooth-options")
 
 
 def usual_folder(options: RunOptions) -> Path:

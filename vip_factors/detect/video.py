@@ -191,7 +191,7 @@ def detect_people(
         InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
     """
     if settings.keypoints is not None and settings.model is None:
-        raise InputError("keypoints are given without a model: BlazePose has a keypoint set of its own (33)")
+        raise InputError("keypoints are given without a model: BlazePose has its fixed keypoint set (33)")
     for target in (out, overlay):
         if target is not None:
             check_target(target, overwrite)

@@ -126,8 +126,8 @@ class Evaluation(Summarised):
     def _camera_table(self) -> Table:
         """Errors of each camera."""
         columns = {
-            "camera_translation": "place, m",
-            "camera_rotation": "turn, °",
+            "camera_translation": "position, m",
+            "camera_rotation": "orientation, °",
             "focal_length_error": "focal length, %",
             "time_offset_error": "clock, ms",
             "association_precision": "labels right, %",
@@ -171,7 +171,7 @@ def _mean_text(sources: Sequence[Metrics], name: str) -> str:
 
 
 def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
-    """Five lines: positions, orientations, sensors, camera (or path), honesty."""
+    """Five lines: positions, orientations, sensors, camera (or path), consistency."""
 
     def mean(name: str) -> str:
         return _mean_text(wearers, name)
@@ -186,7 +186,7 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
         "positions": f"{mean('mpjpe')}, each frame aligned rigidly (MPJPE); {mean(world)} in the world ({removed})",
         "orientation": f"{mean('mpjae')}, each frame aligned rigidly (MPJAE); {mean('mpjae_local')} relative to the "
         "bone above (no alignment)",
-        "sensors": "not compared: the truth knows no headings and mountings",
+        "sensors": "not compared: the truth has no headings and mountings",
     }
     if "heading_error" in scene:
         gauge = "the scene's yaw removed" if with_camera else "their mean removed"
@@ -198,11 +198,11 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
         if "focal_length_error" in scene:
             lines["camera"] += f"; focal length {value('focal_length_error')}"
         if "association_precision" in scene:
-            shares = f"{value('association_precision')} right, {value('association_recall')} found"
-            lines["camera"] += f"; detections given to wearers: {shares}"
+            shares = f"precision {value('association_precision')}, recall {value('association_recall')}"
+            lines["camera"] += f"; detections assigned to wearers: {shares}"
     else:
         share = mean("root_translation_error_percent")
-        share = "" if share == NOTHING else f", {share} of its way"
+        share = "" if share == NOTHING else f", {share} of its length"
         lines["path"] = f"{mean('root_translation_error')} of the pelvis{share} (one rigid alignment of the path)"
     names = {
         "joints": "joints",
@@ -220,8 +220,8 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
     ratios_text = "squared error over the reported variance (1 is consistent, more is overconfident): " + ", ".join(
         f"{words} {ratio}" for words, ratio in ratios.items()
     )
-    unknown = "not compared: the estimate tells no standard deviations, or the truth not what they are of"
-    lines["honesty"] = ratios_text if ratios else unknown
+    unknown = "not compared: no standard deviations in the estimate, or no truth for them"
+    lines["consistency"] = ratios_text if ratios else unknown
     return [f"{name:<12} {text}" for name, text in lines.items()]
 
 

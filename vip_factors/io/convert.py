@@ -46,9 +46,8 @@ FORMATS: dict[str, str] = {
     "table": "vip_factors.io.importers.table",
 }
 NO_POSE = (
-    "no initial pose declared: how the sensors sit and which way they point has to be found from the motion alone, "
-    "which may leave some of them turned the wrong way, and joints with them; better: hold a T- or N-pose for two "
-    "seconds at the start, and say so with --initial-pose"
+    "no initial pose declared: headings and mountings are estimated from the motion only, and some may be wrong; "
+    "hold a T- or N-pose for two seconds at the start and declare it with --initial-pose"
 )
 
 
@@ -79,7 +78,9 @@ class ImportOptions(LogOptions):
             raise InputError(f"start {self.start_s:g} s and end {self.end_s:g} s: expected the start before the end")
         beside = [name for name in ("stature_m", "sex", "segment_lengths_m") if getattr(self, name)]
         if self.body is not None and beside:
-            raise InputError(f"{', '.join(beside)} given beside the body file {self.body}, which says it: leave it out")
+            raise InputError(
+                f"{', '.join(beside)} given beside the body file {self.body}, which holds them: leave them out"
+            )
 
 
 def detect_format(path: str | Path) -> str:
@@ -107,8 +108,8 @@ def _format_of(path: Path) -> str:
         if name not in ("recording", "table") and _reader(name).matches(path):  # a table is declared by its column map
             return name
     raise FileFormatError(
-        f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}; of a table of another make say "
-        "what its columns mean with --columns MAP.toml, of which --template NAME writes a first guess"
+        f"{path}: not a sensor log of a known format ({', '.join(FORMATS)}); for another table give a column map "
+        "(--columns MAP.toml); vip-factors convert LOG --template NAME writes a first version"
     )
 
 
@@ -157,8 +158,8 @@ def _read_log(path: Path, format_name: str | None, columns: str | Path | None, r
     if format_name == "table":
         if columns is None:
             raise InputError(
-                f"{path}: format 'table' needs --columns MAP.toml, which says what the columns mean; --template NAME "
-                "writes a first guess"
+                f"{path}: format 'table' needs a column map (--columns MAP.toml); --template NAME "
+                "writes a first version"
             )
         _check_exists(path)
         log = reader.read(path, read_column_map(columns, rate_hz))
@@ -235,7 +236,7 @@ def _held(
     if options.pose_from is None:
         return {}, log.imus
     if pose not in POSES:
-        raise InputError(f"pose from {options.pose_from}: say which it was, initial pose {' or '.join(POSES)}")
+        raise InputError(f"pose from {options.pose_from}: expected an initial pose, {' or '.join(POSES)}")
     source, sample = pose_source(options.pose_from)
     if not source.exists():
         raise InputError(f"pose from {options.pose_from}: there is no file or folder {source}")

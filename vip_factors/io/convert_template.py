@@ -67,8 +67,8 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_
         stream.write(placement_text(path, sensors, files))
     sites = likely_sites(sensors)
     placed, others = [name for name in sensors if name in sites], [name for name in sensors if name not in sites]
-    mounted = f"no mounting is declared: the axes of {', '.join(placed)} are taken as their sites'"
-    nowhere = f"no site is known of {', '.join(others)}"
+    mounted = f"no mounting is declared: {', '.join(placed)} have the default axes of their sites"
+    nowhere = f"no site is declared for {', '.join(others)}"
     return files._replace(undeclared=(*files.undeclared, *[mounted] * bool(placed), *[nowhere] * bool(others)))
 
 
@@ -78,8 +78,7 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
     first = next(iter(entries.values()))
     has_one_clock = len({tuple(_time_lines(entry)) for entry in entries.values()}) == 1
     lines = [
-        f"# What the columns of {one_line(str(path))} mean: a first guess from their names and numbers. Please check "
-        "every line.",
+        f"# Column map of {one_line(str(path))}, guessed from names and numbers. Check every line.",
         "",
         *(_time_lines(first) if has_one_clock else ()),
     ]
@@ -107,7 +106,7 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
 def _time_lines(entry: SensorColumns) -> list[str]:
     lines = []
     if entry.counter is not None:
-        lines.append(f"counter = {toml_text(entry.counter)}  # counts packets: lost ones are gaps")
+        lines.append(f"counter = {toml_text(entry.counter)}  # packet counter; lost packets become gaps")
     if entry.time is not None:
         lines += [
             f"time = {toml_text(entry.time)}",
@@ -116,29 +115,29 @@ def _time_lines(entry: SensorColumns) -> list[str]:
     elif entry.rate_hz is not None:
         lines.append(f"rate_hz = {entry.rate_hz:g}  # as stated")
     else:
-        lines.append("# No column looks like the times. Name it, or say how many samples a second there are:")
+        lines.append("# No time column was detected. Name it, or give the samples per second:")
         lines += ['# time = "…"', "# rate_hz = 100"]
     return lines
 
 
 PLACEMENT_HEAD = """\
-# Where the sensors of {log} sat: a first guess from their names. Please check every line, then:
+# Placement of the sensors of {log}, guessed from their names. Check every line, then run:
 # {command} --placement {placement}
 
-# Of the wearer; remove the # of what you know. Stature tells most of the body.
+# The wearer. Remove the # where you know a value; stature matters most.
 # subject = "S01"
 # stature_m = 1.75
 # mass_kg = 70
 # sex = "female"
-# initial_pose = "n-pose"  # held at the first moment: n-pose (arms hanging) or t-pose (arms sideways)
+# initial_pose = "n-pose"  # pose at the start: n-pose (arms hanging) or t-pose (arms sideways)
 
 [sensors]
 """
 PLACEMENT_END = """\
 
-# A sensor's axes are taken as the site's, within 40° or so; quarter turns are found from the motion, and
-# standing still at first or a declared pose tells the rest. Left, right, up, down, front and back are the
-# wearer's in a T-pose (arms sideways, palms down). If you know the sensor's axes well, give the rotation:
+# The axes of a sensor are expected within 40° of those of its site. Other rotations are estimated from the
+# motion; a declared pose, or standing still at the start, helps. Left, right, up, down, front and back are the
+# wearer's in a T-pose (arms sideways, palms down). If the axes are known, give the rotation:
 #   "…" = { site = "left_thigh", mounting_wxyz = [1, 0, 0, 0], sigma_deg = 15 }
 # Sites:
 """

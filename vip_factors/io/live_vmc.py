@@ -44,7 +44,7 @@ class LiveVmcSink:
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
-            raise InputError(f"{target}: host '{host}' is not known ({error.strerror})") from error
+            raise InputError(f"{target}: host '{host}' was not found ({error.strerror})") from error
         self._skeletons = [wearer.subject.body() for wearer in setup.wearers]
         self._names = [wearer.subject.name for wearer in setup.wearers]
         self._pose = pose

@@ -86,7 +86,7 @@ def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = Tru
         named = ", ".join(
             f"{channel.topic} ({channel.schema_name or channel.encoding or 'no schema'})" for channel in foreign
         )
-        warn(contents.path, f"channels left out, as they hold nothing of a recording: {named}")
+        warn(contents.path, f"channels ignored, because they belong to no recording: {named}")
     if not readable:
         raise FileFormatError(_nothing_here(contents))
     samples = [messages for messages in readable if is_ours(messages.channel, ImuSample)]
@@ -97,11 +97,11 @@ def _recording(topics: Topics, samples: Sequence[McapMessages], has_truth: bool)
     path = topics.path
     info = topics.last(INFO, RecordingInfo)
     if info is None:
-        warn(path, f"there is no RecordingInfo on {INFO}: the file's name stands for it, without an initial pose")
+        warn(path, f"there is no RecordingInfo on {INFO}: the file's name is used, without an initial pose")
         info = RecordingInfo(name=path.stem)
     head = HEAD.values(info)
     if not info.HasField("subject"):
-        warn(path, f"there is no subject on {INFO}: a person of average stature stands for it")
+        warn(path, f"there is no subject on {INFO}: a person of average stature is assumed")
         head["subject"] = Subject()
     if not info.HasField("placement"):
         warn(path, f"there is no placement on {INFO}: no sensor has a place")

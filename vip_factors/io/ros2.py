@@ -144,7 +144,7 @@ def _sensors(path: Path, topics: Sequence[McapMessages]) -> list[_Sensor]:
     for (topic, frame_id), sensor_rows in rows.items():
         stamps, log_times, numbers = zip(*sensor_rows, strict=True)
         if not any(stamps):
-            warn(path, f"topic {topic} has no time stamps: its log times stand for them")
+            warn(path, f"topic {topic} has no time stamps: its log times are used")
             stamps = log_times
         time_ns, order = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
         if repeats := len(stamps) - len(order):

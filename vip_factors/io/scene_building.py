@@ -207,9 +207,9 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
         raise InputError("the camera's pose cannot be taken as known without its camera file (camera)")
     floor, refusal = read_camera_file(file).floor, f"{file}: its pose cannot be taken as known"
     if not options.static_camera:
-        raise InputError(f"{refusal}: the camera is not said to stand still")
+        raise InputError(f"{refusal}: the camera is not declared to stand still (static_camera)")
     if floor is None:
-        raise InputError(f"{refusal}: it tells no pose over the floor ([floor])")
+        raise InputError(f"{refusal}: the file has no pose ([floor])")
     R_floor_camera, p_floor_camera = floor
     return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
 
@@ -256,7 +256,7 @@ def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
     """The camera's sensor from a log of its own, on the recordings' clock, which begins at ``start_ns``."""
     log = read_log(path, columns=options.camera_imu_columns)
     if options.camera_imu is None and len(log.imus) > 1:
-        raise InputError(f"{path} has the sensors {', '.join(log.imus)}: say which of them was on the camera")
+        raise InputError(f"{path} has the sensors {', '.join(log.imus)}: name the one on the camera (camera_imu)")
     name = next(iter(log.imus)) if options.camera_imu is None else options.camera_imu
     if name not in log.imus:
         raise InputError(f"{path} has no sensor '{name}'{nearest(name, log.imus)}")

@@ -71,7 +71,7 @@ def video_facts(path: str | os.PathLike[str]) -> VideoFacts:
     time = np.array(stamps) - stamps[0]
     if len(time) > 1 and np.any(np.diff(time) <= 0):  # a container without times of its own
         if not nominal > 0:
-            raise FileFormatError(f"{path}: the video says neither its rate nor the times of its frames")
+            raise FileFormatError(f"{path}: the video states neither its rate nor frame times")
         time = np.arange(len(time)) / nominal
     rate = float(1 / np.median(np.diff(time))) if len(time) > 1 else float(nominal)
     return VideoFacts(path, width, height, rate, time)

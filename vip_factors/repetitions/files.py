@@ -84,7 +84,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
     """
     names = [wearer.name for wearer in wearers]
     if len(set(names)) < len(names):
-        raise InputError(f"wearers {', '.join(names)}: expected different names, to tell their repetitions apart")
+        raise InputError(f"wearers {', '.join(names)}: expected different names, one for each wearer")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: expected a folder for the tables")
     folder.mkdir(parents=True, exist_ok=True)

@@ -142,7 +142,7 @@ def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, 
     entries = [(wearer.name, hexadecimal(wearer_colour(wearer.index)), "-") for wearer in drawn.wearers]
     entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(labels < 0) else []
     assigned, time = int(np.sum(labels >= 0)), detections.time
-    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(detections)} people detected", f"{assigned} given to wearers")
+    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(detections)} people detected", f"{assigned} assigned to wearers")
     figure = _page(title, DOT.join(subtitle), entries, strip.shape[0], curves, label, time[chosen])
     figure.figimage(strip, 0, round(size_of(figure)[1]) - HEADER - strip.shape[0], origin="upper")
     for x, low, text in plates:

@@ -102,4 +102,4 @@ def is_whole(path: Path) -> bool:
 
 
 def _not_written(path: Path) -> VipFactorsError:
-    return VipFactorsError(f"{path}: Rerun could not write it: is the disk, or what you may use of it, full?")
+    return VipFactorsError(f"{path}: Rerun could not write it: check the free space and the quota of the disk")

@@ -330,7 +330,7 @@ def _check_length(where: str, entry: SensorColumns, quaternion: Array) -> None:
         raise FileFormatError(f"{where}: quaternion holds no sample without a blank: expected numbers in its columns")
     usual = float(np.median(length))
     if abs(usual - 1) > UNIT_TOLERANCE:
-        raise FileFormatError(f"{where}: quaternion is {usual:.3g} long on the median: expected 1; check its columns")
+        raise FileFormatError(f"{where}: median length of the quaternion {usual:.3g}: expected 1; check its columns")
 
 
 def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, force: Array, notes: list[str]) -> None:
@@ -341,10 +341,8 @@ def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, f
     best, best_tilt = best_reading(quaternion, force)
     keys = ("quaternion_order", "quaternion_sense", "world_up")
     fits = ", ".join(f"{key} '{word}'" for key, word in zip(keys, best, strict=True) if word != getattr(entry, key))
-    hint = (
-        f"with {fits} it would stand {best_tilt:.0f}° off" if fits and best_tilt < tilt / 2 else "is its sign turned?"
-    )
-    sentence = f"averaged acceleration stands {tilt:.0f}° off the vertical of the quaternion's world: {hint}"
+    hint = f"with {fits} it would be {best_tilt:.0f}° off" if fits and best_tilt < tilt / 2 else "is its sign turned?"
+    sentence = f"the mean acceleration is {tilt:.0f}° off the vertical of the quaternion's frame: {hint}"
     if tilt > IMPOSSIBLE_TILT_DEG:
         raise FileFormatError(f"{where}: {sentence}")
     notes.append(f"{where}: {sentence}")

@@ -164,7 +164,7 @@ def with_units(
         length = _median_length(force)
         low, high = GRAVITY_RANGE
         unit = next((name for name, factor in ACCELERATION_UNITS.items() if low <= length * factor <= high), None)
-        reason = f"acceleration: {length:.4g} long on the median"
+        reason = f"acceleration: median length {length:.4g}"
         reasons.append(
             f"{reason}, so {unit}" if unit else f"{reason}: NEITHER m/s2, g NOR mg WITH GRAVITY, please look"
         )
@@ -174,18 +174,18 @@ def with_units(
         reasons.append(f"angular rate: {reason}, so {unit}")
         entry = structs.replace(entry, angular_rate_unit=unit)
     if quaternion is not None:
-        reasons.append(f"quaternion: {_median_length(quaternion):.3g} long on the median")
+        reasons.append(f"quaternion: median length {_median_length(quaternion):.3g}")
     if quaternion is None or force is None:
         return entry, reasons
     (order, sense, up), tilt_deg = best_reading(quaternion, force)
     if tilt_deg > GRAVITY_FREE_DEG and time is not None and rate is not None:
         sense = _sense(quaternion, time, rate)
         reasons.append(
-            f"acceleration stands {tilt_deg:.0f}° off the vertical at best, SO GRAVITY IS LEFT OUT; as the angular "
-            f"rates have it the quaternion is {sense}; please look at acceleration_unit"
+            f"acceleration is {tilt_deg:.0f}° off the vertical at best, SO GRAVITY IS LEFT OUT; the angular rates "
+            f"show that the quaternion is {sense}; please check acceleration_unit"
         )
         return structs.replace(entry, acceleration_unit="m/s2", gravity="left out", quaternion_sense=sense), reasons
-    reasons.append(f"as {order}, {sense}, {up} up the acceleration stands {tilt_deg:.0f}° off the vertical")
+    reasons.append(f"with {order}, {sense} and {up} up, the acceleration is {tilt_deg:.0f}° off the vertical")
     reasons += [TURNED_OVER] if up == "-z" else []
     return structs.replace(entry, quaternion_order=order, quaternion_sense=sense, world_up=up), reasons
 

@@ -81,7 +81,7 @@ class GrowingFile(FileIO):
             if count:
                 return count
             if os.fstat(self.fileno()).st_size < self.tell():
-                raise FileFormatError(f"{self._path} has become shorter while it was followed: start anew with it")
+                raise FileFormatError(f"{self._path} became shorter while it was followed: start the stream again")
             is_stopped = self._stop.wait(LOOK_EVERY)
             self.has_ended = is_stopped or time.monotonic() - waiting_from > self.growth_wait
         return 0

@@ -92,7 +92,7 @@ class Session:
         """
         if self.setup is not None and described != self._described:
             raise ClientError(
-                "its header describes other wearers, sensors or cameras than this stream's: start anew for them"
+                "its header describes other wearers, sensors or cameras than this stream's: start a new stream"
             )
 
     def claim(self, client: "Client", setup: Scene, described: bytes) -> None:

@@ -7,10 +7,10 @@ from scene_sample import scene_sample
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.findings import bare
-from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.live_estimate import LiveCameraEstimate, LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.live import stream_head
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import Camera, Scene
 
 LAG = 15  # frames
 
@@ -38,10 +38,17 @@ def answer(scene: Scene, frame: int, covariance: bool = True, lag: int = LAG) ->
         smoothed = pose(scene, index, frame - lag, covariance) if frame >= lag else None
         newest = pose(scene, index, frame, covariance)
         wearers.append(LiveWearerEstimate(wearer.subject.name, newest, smoothed, calibration, index))
-    camera = camera_pose(scene, time) if scene.camera is not None else None
-    late = camera_pose(scene, time - lag / 60) if scene.camera is not None and frame >= lag else None
+    cameras = tuple(
+        LiveCameraEstimate(
+            camera.name,
+            camera.model,
+            camera_pose(camera, time),
+            camera_pose(camera, time - lag / 60) if frame >= lag else None,
+        )
+        for camera in scene.cameras
+    )
     findings = (bare("the stream has begun"),) if frame == 0 else ()
-    return LiveEstimate(frame, time, tuple(wearers), camera, late, findings, 0.005, preliminary=frame < 3)
+    return LiveEstimate(frame, time, tuple(wearers), cameras, findings, 0.005, preliminary=frame < 3)
 
 
 def truth_of(scene: Scene, index: int) -> Motion:
@@ -55,8 +62,8 @@ def pose(scene: Scene, index: int, frame: int, covariance: bool) -> LivePose:
     return LivePose(time, motion.R_parent_child[frame], motion.p_world_pelvis[frame], joints, root)
 
 
-def camera_pose(scene: Scene, time: float) -> LiveCameraPose:
-    at = scene.camera.truth.path.at(np.array([time]))
+def camera_pose(camera: Camera, time: float) -> LiveCameraPose:
+    at = camera.truth.path.at(np.array([time]))
     return LiveCameraPose(time, at.R_world_camera[0], at.p_world_camera[0], np.diag(np.repeat([1e-4, 9e-4], 3)))
 
 

@@ -16,9 +16,9 @@ from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, Weare
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.scene import Scene
 
 METHOD = "fixed lag"
 
@@ -44,7 +44,7 @@ class LivePose(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class LiveCameraPose(Summarised):
-    """Pose of the camera at one instant.
+    """Pose of a camera at one instant.
 
     Attributes:
         time: seconds from the start of the stream.
@@ -60,6 +60,23 @@ class LiveCameraPose(Summarised):
 
 
 @dataclass(frozen=True, repr=False)
+class LiveCameraEstimate(Summarised):
+    """Estimate of one camera.
+
+    Attributes:
+        name: of the camera.
+        model: lens with the current focal length.
+        newest: the pose at the newest frame (zero lag).
+        smoothed: the pose one lag earlier, which is final; None before the first.
+    """
+
+    name: str
+    model: CameraModel
+    newest: LiveCameraPose
+    smoothed: LiveCameraPose | None = None
+
+
+@dataclass(frozen=True, repr=False)
 class LiveWearerEstimate(Summarised):
     """Estimate of one wearer.
 
@@ -68,7 +85,8 @@ class LiveWearerEstimate(Summarised):
         newest: the pose at the newest frame (zero lag).
         smoothed: the pose one lag earlier, which is final; None before the first.
         calibration: current headings and mountings with their standard deviations, by sensor.
-        detection: index of the wearer's detection in the newest video frame; None if not seen.
+        detection: index of the wearer's detection in the newest video frame of the set-up's first camera; None if not
+            seen.
         skeleton: current estimate of the body; None if it is that of the set-up.
     """
 
@@ -88,7 +106,7 @@ class LiveEstimate(Summarised):
         frame: number, from 0.
         time: seconds of the newest frame.
         wearers: in the order of the set-up.
-        camera, smoothed_camera: the first camera's pose at the newest frame and one lag earlier; None without one.
+        cameras: cameras that are used, in the order of the set-up.
         findings: since the previous frame.
         seconds: duration of this update.
         preliminary: whether the calibration is still that of the first second: bones may be turned wrong, and will be
@@ -98,8 +116,7 @@ class LiveEstimate(Summarised):
     frame: int
     time: float
     wearers: tuple[LiveWearerEstimate, ...]
-    camera: LiveCameraPose | None = None
-    smoothed_camera: LiveCameraPose | None = None
+    cameras: tuple[LiveCameraEstimate, ...] = ()
     findings: tuple[Finding, ...] = ()
     seconds: float = 0.0
     preliminary: bool = False
@@ -145,10 +162,8 @@ def estimate_of(
         rows = [answer.wearers[index] for answer in live_estimates]
         poses = [pose for row in rows if (pose := row.smoothed if is_smoothed else row.newest) is not None]
         wearers.append(_wearer_estimate(recording, rows[-1], poses, rate, start))
-    path = [answer.smoothed_camera if is_smoothed else answer.camera for answer in live_estimates]
-    camera, camera_poses = setup.camera, [pose for pose in path if pose is not None]
-    cameras = (_camera_estimate(camera, camera_poses),) if camera is not None and camera_poses else ()
-    return Estimate(setup.name, METHOD, tuple(wearers), cameras)
+    cameras = (_camera_estimate(camera.name, live_estimates, is_smoothed) for camera in setup.cameras)
+    return Estimate(setup.name, METHOD, tuple(wearers), tuple(camera for camera in cameras if camera is not None))
 
 
 def _wearer_estimate(
@@ -163,10 +178,15 @@ def _wearer_estimate(
     return WearerEstimate(name, METHOD, motion, row.calibration, covariance, sensors=sensors)
 
 
-def _camera_estimate(camera: Camera, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
+def _camera_estimate(name: str, live_estimates: Sequence[LiveEstimate], is_smoothed: bool) -> CameraEstimate | None:
+    """Estimate of a camera, with its last lens; None where it has no pose."""
+    rows = [camera for answer in live_estimates for camera in answer.cameras if camera.name == name]
+    poses = [pose for row in rows if (pose := row.smoothed if is_smoothed else row.newest) is not None]
+    if not poses:
+        return None
     R, p = np.array([pose.R_world_camera for pose in poses]), np.array([pose.p_world_camera for pose in poses])
     path = CameraPath(np.array([pose.time for pose in poses]), R, p)
-    return CameraEstimate(camera.name, camera.model, path, covariance=_stacked([pose.covariance for pose in poses]))
+    return CameraEstimate(name, rows[-1].model, path, covariance=_stacked([pose.covariance for pose in poses]))
 
 
 def _stacked(covariances: Sequence[Array | None]) -> Array | None:

@@ -72,7 +72,7 @@ def test_of_a_stream_it_is_the_worst_so_far() -> None:
     lines = io.StringIO()
     sink = LiveJsonSink(lines, SimpleNamespace(wearers=()))
     for found in ((CARE,), (), (DOUBT,), (NOTE,)):
-        sink.write(SimpleNamespace(frame=0, time=0.0, wearers=(), camera=None, smoothed_camera=None, findings=found,
+        sink.write(SimpleNamespace(frame=0, time=0.0, wearers=(), cameras=(), findings=found,
                                    preliminary=False, seconds=0.0))  # fmt: skip
     verdicts = [json.loads(line)["verdict"] for line in lines.getvalue().splitlines()]
     assert verdicts == ["care", "care", "doubt", "doubt"]

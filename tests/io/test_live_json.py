@@ -57,10 +57,10 @@ def test_there_is_a_line_a_frame_with_joints_by_name() -> None:
                 np.testing.assert_allclose(np.deg2rad(of_joints(told[kind], "sigma_deg")), np.sqrt(1e-3), atol=1e-4)
                 off = [told[kind]["angles_deg"][name] for name in angles[number].names] - angles[number].degrees[frame]
                 assert np.abs((off + 180) % 360 - 180).max() < 0.01
-        R = matrix_from_quaternion(np.array(line["camera"]["smoothed"]["orientation_wxyz"]), Order.WXYZ)
-        np.testing.assert_allclose(R, estimate.smoothed_camera.R_world_camera, atol=5e-5)
-        assert line["camera"]["smoothed"]["sigma_deg"] == pytest.approx(3 * [np.rad2deg(0.01)], abs=0.01)
-        assert line["camera"]["smoothed"]["position_sigma"] == pytest.approx(3 * [0.03])
+        R = matrix_from_quaternion(np.array(line["cameras"][0]["smoothed"]["orientation_wxyz"]), Order.WXYZ)
+        np.testing.assert_allclose(R, estimate.cameras[0].smoothed.R_world_camera, atol=5e-5)
+        assert line["cameras"][0]["smoothed"]["sigma_deg"] == pytest.approx(3 * [np.rad2deg(0.01)], abs=0.01)
+        assert line["cameras"][0]["smoothed"]["position_sigma"] == pytest.approx(3 * [0.03])
         assert line["update_ms"] == 5.0
     assert [line["preliminary"] for line in lines] == [one.preliminary for one in given]
 
@@ -82,7 +82,7 @@ def test_what_is_not_known_is_null_or_absent_and_every_line_is_json() -> None:
     nowhere = replace(wearer.newest, p_world_pelvis=np.full(3, np.nan))
     given = replace(bare, wearers=(replace(wearer, newest=nowhere, calibration=unknown, detection=None),))
     line = lines_of(scene, given)[0]
-    assert "camera" not in line
+    assert line["cameras"] == []
     told = line["wearers"][0]
     assert told["headings_deg"] == {"head": {"heading": 40.0, "sigma": None}}
     assert told["newest"]["joints"]["head"]["position"] == [None, None, None]

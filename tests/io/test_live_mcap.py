@@ -164,3 +164,21 @@ def test_a_camera_known_to_stand_still_has_one_pose(tmp_path: Path) -> None:
     scene = replace(scene, cameras=(replace(scene.camera, moving=False, known_path=known),))
     write(scene, tmp_path / "e.mcap", list(answers(scene)))
     assert len(read_estimate(tmp_path / "e.mcap").camera.path) == 1
+
+
+def test_every_camera_is_written_with_its_newest_lens(tmp_path: Path) -> None:
+    scene = live_scene(1.0)
+    scene = replace(scene, cameras=(scene.camera, replace(scene.camera, name="side/left")))
+    given = list(answers(scene))
+    lens = scene.camera.model.zoomed(0.2)
+    for frame in range(len(given) // 2, len(given)):
+        cameras = tuple(replace(camera, model=lens) for camera in given[frame].cameras)
+        given[frame] = replace(given[frame], cameras=cameras)
+    write(scene, tmp_path / "e.mcap", given)
+    read = read_estimate(tmp_path / "e.mcap")
+    assert [camera.name for camera in read.cameras] == [camera.name for camera in scene.cameras]
+    for camera in read.cameras:
+        np.testing.assert_allclose(camera.model.focal, lens.focal)
+        assert len(camera.path) == len(given) - LAG
+    side = Topics(read_contents(tmp_path / "e.mcap")).all("/estimate/live/cameras/side_left/pose", CameraPose)
+    assert [pose.frame for pose in side] == list(range(len(given)))

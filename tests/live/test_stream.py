@@ -87,7 +87,7 @@ def test_a_filmed_scene_with_its_truth_begins_as_well() -> None:
         else:
             answers += stream.take(one)
     assert answers
-    assert answers[-1].camera is not None
+    assert answers[-1].cameras
 
 
 def test_who_is_meant_must_be_told(recording: vip.Scene) -> None:

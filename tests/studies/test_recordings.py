@@ -10,6 +10,7 @@ from filmed_gestures import filmed_gestures
 from tests.studies.__main__ import main
 from tests.studies.recordings import Recordings, who_is_who
 from tests.studies.study import markdown, run
+from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.scene import Scene
 
@@ -42,11 +43,14 @@ def test_no_recording_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> Non
 def test_who_is_who_is_measured_where_the_recording_says_whom_it_shows() -> None:
     scene = filmed_gestures("fixed", 2.5)
     assert scene.camera.truth is not None
-    given = scene.camera.truth.wearer.copy()
-    theirs = np.flatnonzero(given == 0)
-    assert who_is_who(scene, given, 0) == (100.0, 100.0)
-    given[theirs[: len(theirs) // 2]] = -1
-    precision, recall = who_is_who(scene, given, 0)
+    labels = scene.camera.truth.wearer.copy()
+    path = scene.camera.truth.path
+    camera = CameraEstimate(scene.camera.name, scene.camera.model, path, wearer_of_detection=labels)
+    estimate = Estimate(scene.name, "VIP", (), (camera,))
+    of_wearer = np.flatnonzero(labels == 0)
+    assert who_is_who(scene, estimate, 0) == (100.0, 100.0)
+    labels[of_wearer[: len(of_wearer) // 2]] = -1
+    precision, recall = who_is_who(scene, estimate, 0)
     assert precision == 100.0
     assert recall == pytest.approx(50.0, abs=1)
-    assert np.isnan(who_is_who(replace(scene, cameras=(replace(scene.camera, truth=None),)), given, 0)).all()
+    assert np.isnan(who_is_who(replace(scene, cameras=(replace(scene.camera, truth=None),)), estimate, 0)).all()

@@ -142,7 +142,7 @@ def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
     phrases = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, p99 {late:.1f} ms"]
     if estimate.preliminary:
         phrases.append("preliminary")
-    if estimate.camera is not None:
+    if estimate.cameras:
         names_in_view = [wearer.name for wearer in estimate.wearers if wearer.detection is not None]
         phrases.append(f"seen: {', '.join(names_in_view) or 'nobody'}")
     sigmas = {

@@ -24,13 +24,13 @@ from vip_factors.estimate import PoseCovariance
 from vip_factors.findings import Finding, Severity, verdict
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.live_estimate import LiveCameraEstimate, LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.scene import Scene
 from vip_factors.tables import bone_words
 
 VERSION: Final = 1  # of the format: keys may be added; a key that goes, or means something else, makes another one
 QUATERNION_DIGITS, METRE_DIGITS, DEGREE_DIGITS = 5, 4, 2  # 0.001°, a tenth of a millimetre, 0.01°
-TIME_DIGITS, HEADING_DIGITS, UPDATE_DIGITS = 6, 1, 3
+TIME_DIGITS, HEADING_DIGITS, UPDATE_DIGITS, PIXEL_DIGITS = 6, 1, 3, 1
 ANGLE_NAMES = tuple(angle.name for angle in ANGLE_DEFINITIONS)
 ANGLE_WORDS = {angle.name: f"positive: {angle.positive}" for angle in ANGLE_DEFINITIONS}
 JOINT_WORDS = {
@@ -121,10 +121,12 @@ class CameraPoseAnswer(msgspec.Struct, frozen=True):
 
 
 class CameraAnswer(msgspec.Struct, frozen=True):
-    """The first camera."""
+    """A camera that is used."""
 
-    newest: Annotated[CameraPoseAnswer | None, Meta(description="at the answer's time")]
-    smoothed: Annotated[CameraPoseAnswer | None, Meta(description="one lag earlier")]
+    name: Annotated[str, Meta(description="the camera's name")]
+    focal_px: Annotated[list[Number], Meta(min_length=2, max_length=2, description="current focal lengths, pixels")]
+    newest: Annotated[CameraPoseAnswer, Meta(description="at the answer's time")]
+    smoothed: Annotated[CameraPoseAnswer | None, Meta(description="one lag earlier; null before the first")]
 
 
 class FindingAnswer(msgspec.Struct, frozen=True):
@@ -142,7 +144,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     frame: Annotated[int, Meta(description="number of the frame, from 0")]
     time: Seconds
     wearers: list[WearerAnswer]
-    camera: Annotated[CameraAnswer | UnsetType, Meta(description="absent without a camera")] = UNSET
+    cameras: Annotated[list[CameraAnswer], Meta(description="cameras that show a wearer, in the set-up's order")]
     verdict: Annotated[Severity, Meta(description="by all findings so far")]
     preliminary: Annotated[
         bool, Meta(description="the calibration is still that of the first second: bones may be turned wrong")
@@ -166,15 +168,12 @@ class LiveJsonEncoder:
     def answer(self, estimate: LiveEstimate) -> Answer:
         """Make the answer to one frame."""
         self.note(estimate)
-        camera: CameraAnswer | UnsetType = UNSET
-        if estimate.camera is not None or estimate.smoothed_camera is not None:
-            camera = CameraAnswer(_camera(estimate.camera), _camera(estimate.smoothed_camera))
         return Answer(
             version=VERSION,
             frame=estimate.frame,
             time=round(estimate.time, TIME_DIGITS),
             wearers=[self._wearer(number, wearer) for number, wearer in enumerate(estimate.wearers)],
-            camera=camera,
+            cameras=[_camera(camera) for camera in estimate.cameras],
             verdict=verdict(self._findings.values()).severity,
             preliminary=estimate.preliminary,
             update_ms=round(1e3 * estimate.seconds, UPDATE_DIGITS),
@@ -286,9 +285,14 @@ def _finding(finding: Finding) -> FindingAnswer:
     return FindingAnswer(finding.kind, finding.severity, str(finding))
 
 
-def _camera(pose: LiveCameraPose | None) -> CameraPoseAnswer | None:
-    if pose is None:
-        return None
+def _camera(camera: LiveCameraEstimate) -> CameraAnswer:
+    smoothed = None if camera.smoothed is None else _camera_pose(camera.smoothed)
+    return CameraAnswer(
+        camera.name, _list(np.array(camera.model.focal), PIXEL_DIGITS), _camera_pose(camera.newest), smoothed
+    )
+
+
+def _camera_pose(pose: LiveCameraPose) -> CameraPoseAnswer:
     sigmas: tuple[list[Number], ...] = ()
     if pose.covariance is not None:
         sigma = _sigmas(pose.covariance)

@@ -22,7 +22,9 @@ from vip_factors.live_estimate import METHOD, LiveEstimate, estimate_of
 from vip_factors.sensors.scene import Scene
 
 LIVE, LIVE_WEARER = "/estimate/live", "/estimate/live/wearer/"
-LIVE_UPDATE, LIVE_CAMERA = "/estimate/live/update", "/estimate/live/camera/pose"
+LIVE_UPDATE = "/estimate/live/update"
+LIVE_CAMERA = "/estimate/live/camera/pose"  # of the set-up's first camera
+LIVE_CAMERAS = "/estimate/live/cameras/"  # of the others; a name and /pose follow
 FLUSH_S = 0.5  # seconds of wall time or of the stream, whichever ends first: what a crash may cost
 BATCH_S = 0.1  # seconds of the stream that are written at once: cheaper than one by one, and short beside an update
 MOST_FINDINGS = 200  # different sentences kept for the estimate; all of them are on LIVE_UPDATE
@@ -68,7 +70,11 @@ class LiveMcapSink:
         prefixes = wearer_topics(names, SINGLE, WEARER)
         clock_s = setup.wearers[0].clock_s
         self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, MODEST_FRAMES, clock_s)
-        self._has_camera = False  # whether its poses have begun
+        self._begun_cameras = set[str]()
+        self._live_cameras = {
+            camera.name: LIVE_CAMERA if number == 0 else f"{LIVE_CAMERAS}{camera.name.replace('/', '_')}/pose"
+            for number, camera in enumerate(setup.cameras)
+        }
         with self._closed_on_error():
             self._writer.flush()
             self._file.flush()
@@ -164,8 +170,11 @@ class LiveMcapSink:
         for topic, wearer in zip(self._newest, chunk.wearers, strict=True):
             yield pose_messages(self._writer, topic, wearer.motion, start_ns, wearer.covariance, estimates[0].frame)
         for camera in chunk.cameras:
-            first_frame = estimates[-1].frame + 1 - len(camera.path)
-            yield camera_pose_messages(self._writer, LIVE_CAMERA, camera.path, start_ns, camera.covariance, first_frame)
+            first_frame = next(
+                estimate.frame for estimate in estimates if camera.name in {row.name for row in estimate.cameras}
+            )
+            topic = self._live_cameras[camera.name]
+            yield camera_pose_messages(self._writer, topic, camera.path, start_ns, camera.covariance, first_frame)
 
     def _smoothed_runs(self, estimates: list[LiveEstimate]) -> Iterator[tuple[int, list[LiveEstimate]]]:
         """Answers whose smoothed frames follow each other, with the number of the first of these.
@@ -200,12 +209,15 @@ class LiveMcapSink:
         if not self._out.wearer_count:
             for index, wearer in enumerate(chunk.wearers):
                 self._out.begin_wearer(index, wearer.frames(slice(0, 0)))
-        declared = self._setup.camera
-        is_standing = declared is not None and not declared.moving and declared.known_path is not None
-        cameras = [camera.frames(slice(0, 1)) if is_standing else camera for camera in chunk.cameras]
-        if cameras and not self._has_camera:
-            self._has_camera = True
-            self._out.begin_camera(cameras[0].start, 1 if is_standing else None)
+        is_standing = {
+            camera.name: not camera.moving and camera.known_path is not None for camera in self._setup.cameras
+        }
+        cameras = [camera.frames(slice(0, 1)) if is_standing[camera.name] else camera for camera in chunk.cameras]
+        for camera in cameras:
+            if camera.name not in self._begun_cameras:
+                self._begun_cameras.add(camera.name)
+                is_first = camera.name == self._setup.cameras[0].name
+                self._out.begin_camera(camera.start, 1 if is_standing[camera.name] else None, is_first=is_first)
         self._out.write_frames(dict(enumerate(chunk.wearers)), cameras)
 
     def _add_missing(self, frames: int, time_s: float) -> None:

@@ -363,9 +363,11 @@ class EstimateWriter:
     def write_frames(self, wearers: Mapping[int, WearerEstimate], cameras: Sequence[CameraEstimate] = ()) -> None:
         """Write the next frames of wearers, by their indices, and of the cameras that have begun."""
         streams = [stream for index, chunk in wearers.items() for stream in self._wearers[index].streams(chunk)]
-        for topics, camera in zip(self._cameras, cameras, strict=False):
-            times = [chunk.motion.time for chunk in wearers.values()]
-            streams += topics.streams(camera, times[0] if times else camera.path.time)
+        chunks = {camera.name: camera for camera in cameras}
+        for topics in self._cameras:
+            if (camera := chunks.get(topics.head.name)) is not None:
+                times = [chunk.motion.time for chunk in wearers.values()]
+                streams += topics.streams(camera, times[0] if times else camera.path.time)
         self._writer.add_in_order(*streams)
 
     def finish(self) -> None:
@@ -436,7 +438,7 @@ class _CameraTopics:
         self._poses, self._residual_frames = poses, residual_frames
         self._next_pose, self._next_residual = 0, 0
         self.write_info(start_ns)
-        writer.write(prefix + INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
+        self._write_lens(start_ns)
         if head.calibration is not None:
             calibration = codec.CALIBRATION.encode({head.name: head.calibration})
             writer.write(prefix + CALIBRATION, calibration, start_ns)
@@ -453,9 +455,16 @@ class _CameraTopics:
         )
         self._writer.write(self._prefix + INFO, info, time_ns)
 
+    def _write_lens(self, time_ns: int) -> None:
+        message = intrinsics_message(self.head.model, self.head.name, time_ns)
+        self._writer.write(self._prefix + INTRINSICS, message, time_ns)
+
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
         writer, path, residual = self._writer, chunk.path, chunk.residual_px
+        if chunk.model != self.head.model:  # a stream refines its lens
+            self.head = replace(self.head, model=chunk.model)
+            self._write_lens(self._start_ns + int(NS_PER_S * path.time[0]))
         if self._poses is None or self._next_pose < self._poses:
             topic, prefix = self._prefix + CAMERA_POSE, self._prefix
             yield camera_pose_messages(writer, topic, path, self._start_ns, chunk.covariance, self._next_pose)

@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array, exp, log, transpose, wrap_angl
 from vip_factors.live.problem import FrameState
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracking import Tracking
-from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.live_estimate import LiveCameraEstimate, LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import camera_owner
@@ -200,7 +200,8 @@ class EstimateBuilder:
         late = smoother.frame(back).time if back in numbers else None
         errors = FILMED if self._head.cameras and smoother.problem.has_views else UNFILMED
         calibrations = self._shown_calibrations(smoother, errors)
-        chosen = tracking.observers[0].chosen if tracking.observers and number == numbers[-1] else None
+        first = next((o for o in tracking.observers if o.camera.name == self._head.cameras[0].name), None)
+        chosen = first.chosen if first is not None and number == numbers[-1] else None
         wearers = tuple(
             LiveWearerEstimate(
                 wearer.subject.name,
@@ -213,9 +214,17 @@ class EstimateBuilder:
             for w, wearer in enumerate(self._head.wearers)
         )
         findings, self._findings = tuple(self._findings), []
-        camera = self._camera(smoother, newest, time, self._newest)
-        late_camera = None if late is None else self._camera(smoother, smoothed, late, self._smoothed)
-        return LiveEstimate(number, time, wearers, camera, late_camera, findings, seconds)
+        cameras = {}
+        for index, observer in enumerate(tracking.observers):
+            zoom, model = smoother.shared.cameras[index].zoom, smoother.problem.cameras[index].model
+            cameras[observer.camera.name] = LiveCameraEstimate(
+                observer.camera.name,
+                model.zoomed(zoom),
+                self._camera(smoother, index, newest, time, self._newest),
+                None if late is None else self._camera(smoother, index, smoothed, late, self._smoothed),
+            )
+        used = tuple(cameras[camera.name] for camera in self._head.cameras if camera.name in cameras)
+        return LiveEstimate(number, time, wearers, used, findings, seconds)
 
     def _shown_calibrations(self, smoother: LagSmoother, errors: ModelErrors) -> list[Calibration]:
         """Calibration of each wearer as shown."""
@@ -232,19 +241,18 @@ class EstimateBuilder:
         return self._last_calibrations
 
     def _camera(
-        self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None
-    ) -> LiveCameraPose | None:
-        """Pose of the first camera; None without one."""
+        self, smoother: LagSmoother, number: int, state: FrameState, time: float, covariance: Array | None
+    ) -> LiveCameraPose:
+        """Pose of the camera of a number in the problem."""
         problem = smoother.problem
-        if not self._head.cameras or not problem.has_views:
-            return None
-        if problem.cameras[0].moving:  # then it is the first of the carried ones, too
-            chain, camera_covariance = problem.layout.chain_of(camera_owner(0)), None
+        if number in problem.carried:
+            chain, camera_covariance = problem.layout.chain_of(camera_owner(number)), None
             if chain is not None and covariance is not None:
                 pose = problem.layout.chain_columns[chain]
                 camera_covariance = covariance[pose, pose]
-            return LiveCameraPose(time, state.R_world_camera[0], state.p_world_camera[0], camera_covariance)
-        poses, columns = smoother.shared.cameras[0].poses, problem.layout.columns(camera_owner(0), "poses")
+            index = problem.carried.index(number)
+            return LiveCameraPose(time, state.R_world_camera[index], state.p_world_camera[index], camera_covariance)
+        poses, columns = smoother.shared.cameras[number].poses, problem.layout.columns(camera_owner(number), "poses")
         camera_covariance = None
         if self._shared is not None and len(columns):
             camera_covariance = self._shared[np.ix_(columns, columns)]

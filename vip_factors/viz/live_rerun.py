@@ -21,6 +21,7 @@ from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, estimate_of
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import keypoints_in_image
 from vip_factors.sensors.live import VideoFrame, detections_of
 from vip_factors.sensors.scene import Camera, Scene
@@ -94,10 +95,14 @@ class LiveView:
         if setup.camera is not None:
             log_pinhole(stream, IMAGE, setup.camera.model)
             log_image_style(stream, IMAGE, setup.camera.model, setup.camera.keypoints, setup.names)
+        self._cameras = {
+            camera.name: CAMERA if number == 0 else f"{WORLD}/cameras/{rr.escape_entity_path_part(camera.name)}"
+            for number, camera in enumerate(setup.cameras)
+        }
+        self._lenses = dict[str, CameraModel]()  # as drawn
         for camera in setup.cameras[1:]:
             if camera.known_path is not None:
-                entity = f"{WORLD}/cameras/{rr.escape_entity_path_part(camera.name)}"
-                log_camera(stream, entity, camera.known_path, camera.model)
+                log_camera(stream, self._cameras[camera.name], camera.known_path, camera.model)
 
     def log(self, messages: Sequence[LiveEstimate | VideoFrame]) -> None:
         """Log what has come, in its order."""
@@ -141,7 +146,7 @@ class LiveView:
         return seen_frames
 
     def _log_run(self, estimates: Sequence[LiveEstimate]) -> None:
-        """Log bodies and the first camera of answers that follow each other."""
+        """Log bodies and cameras of answers that follow each other."""
         newest = estimate_of(estimates, self._setup, self._rate)
         motions = self._shifted(newest)
         for index, (body, motion) in enumerate(zip(self._newest, motions, strict=True)):
@@ -153,18 +158,22 @@ class LiveView:
                 body.log(motion, GHOST_COLOURS)
         time, centre = centre_path(motions)
         log_centre(self._stream, time, centre * [1, 1, 0] + [0, 0, self._height])
-        if newest.camera is not None and self._setup.camera is not None:
-            self._log_camera(newest.camera, self._setup.camera.keypoints, motions)
+        for camera in newest.cameras:
+            log_camera_poses(self._stream, self._cameras[camera.name], camera.path)
+            if self._lenses.get(camera.name) != camera.model:
+                self._lenses[camera.name] = camera.model
+                log_pinhole(self._stream, f"{self._cameras[camera.name]}/image", camera.model)
+            if self._setup.camera is not None and camera.name == self._setup.camera.name:
+                self._log_projections(camera, self._setup.camera.keypoints, motions)
 
     def _shifted(self, estimate: Estimate) -> list[Motion]:
         """Motions of the wearers where they are drawn."""
         motions = zip((wearer.motion for wearer in estimate.wearers), self._shifts, strict=True)
         return [replace(motion, p_world_pelvis=motion.p_world_pelvis + shift) for motion, shift in motions]
 
-    def _log_camera(self, camera: CameraEstimate, keypoints: KeypointSet, motions: Sequence[Motion]) -> None:
-        """Log the first camera, and the newest bodies as it should see them."""
+    def _log_projections(self, camera: CameraEstimate, keypoints: KeypointSet, motions: Sequence[Motion]) -> None:
+        """Log the newest bodies in the first camera's image."""
         path = camera.path
-        log_camera_poses(self._stream, CAMERA, path)
         for motion, entity in zip(motions, people_below(IMAGE, "body", self._setup.names), strict=False):
             pixels = keypoints_in_image(motion, keypoints, path, camera.model, path.time)
             log_projection(self._stream, entity, path.time, pixels, keypoints)

@@ -133,7 +133,7 @@ MOST_BYTES = 2 << 30
 def test_a_clock_that_jumps_by_a_day_leaves_a_gap(tmp_path: Path) -> None:
     scene, out, jump = live_scene(5.0, 1, filmed=False), tmp_path / "e.mcap", 100_000.0
     command = [sys.executable, "-m", "vip_factors", "stream", "-", "--json", "--frame-rate", "30", "--out", str(out)]
-    command += ["--recalibration.no-use"]
+    command += ["--recalibration.no-use", "--calibration.start.no-search"]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, MOST_BYTES)),

@@ -284,7 +284,7 @@ def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_a
 
         assert f"waiting for a sender at {where} (a header, then a second of samples" in shown()
         script = str(ROOT / "data_schemas" / "example_sender.py")
-        sender = subprocess.Popen([sys.executable, script, where, "6"])
+        sender = subprocess.Popen([sys.executable, script, where, "4"])
         first = json.loads(stream.stdout.readline())
         assert first["wearers"][0]["guessed_angles"]["left_knee"] == "no sensor on left thigh"
         live = shown()

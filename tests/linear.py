@@ -76,8 +76,8 @@ def named(objective: SceneObjective, columns: np.ndarray, frame: int) -> list[tu
 def dense_of_graph(whole: FactorGraph) -> tuple[np.ndarray, np.ndarray]:
     """The same of a GTSAM graph at its values, in the order of its variables."""
     ordering = gtsam.Ordering()
-    for one in whole.variables:
-        ordering.push_back(one.key)
+    for variable in whole.variables:
+        ordering.push_back(variable.key)
     return whole.graph.linearize(whole.values).hessian(ordering)
 
 

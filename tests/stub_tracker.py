@@ -18,7 +18,7 @@ def tracker_class(scene: Scene) -> type:
 
     class FixedLagTracker:
         def __init__(self, head: Scene, settings: object, extra_factors: object, real_time: bool) -> None:
-            assert [one.subject.name for one in head.wearers] == [one.subject.name for one in scene.wearers]
+            assert [wearer.subject.name for wearer in head.wearers] == [wearer.subject.name for wearer in scene.wearers]
             self.settings = settings
             self._left: Iterator[LiveEstimate] = answers(scene)
             self._next: LiveEstimate | None = next(self._left)

@@ -37,7 +37,8 @@ def test_longer_correlations_scale_what_frames_say_and_no_prior() -> None:
 
     def costs(correlation_s: float) -> dict[str, float]:
         wearers = tuple(
-            replace(one, settings=replace(one.settings, correlation_s=correlation_s)) for one in problem.wearers
+            replace(wearer, settings=replace(wearer.settings, correlation_s=correlation_s))
+            for wearer in problem.wearers
         )
         settings = replace(problem.cameras[0].settings, correlation_s=correlation_s)
         camera = replace(problem.cameras[0], settings=settings)

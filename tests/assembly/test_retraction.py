@@ -45,7 +45,7 @@ def assert_same(one: SceneState, other: SceneState) -> None:
 def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: float) -> None:
     problem, state = drifting_scene("moving") if kind == "drifting" else small_scene(kind)
     whole, random = factor_graph_of(problem, state), np.random.default_rng(1)
-    by_variable = {one: far * random.standard_normal(one.width) for one in whole.variables}
+    by_variable = {variable: far * random.standard_normal(variable.width) for variable in whole.variables}
     by_key, objective = gtsam.VectorValues(), SceneObjective(problem)
     for one, step in by_variable.items():
         by_key.insert(one.key, step)

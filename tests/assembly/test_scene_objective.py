@@ -42,7 +42,7 @@ def test_the_camera_alone_follows_kept_wearers(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["moving", "standing"])
 def test_turning_the_world_leaves_the_cost_alone(kind: str) -> None:
     model, state = small_scene(kind)
-    wearers = tuple(replace(one, free_headings=False, p_world_start=np.zeros(3)) for one in model.wearers)
+    wearers = tuple(replace(wearer, free_headings=False, p_world_start=np.zeros(3)) for wearer in model.wearers)
     model = replace(model, wearers=wearers)
     turn, poses = rotation_z(1.1), state.cameras[0].poses
     moved = CameraPoses(turn @ poses.R_world_camera, poses.p_world_camera @ turn.T)
@@ -92,7 +92,7 @@ def test_steps_and_covariances_of_several_wearers_before_a_moving_camera_are_tho
     steps = objective.linearise(state).step(damping)
     H, g = dense(objective, state)
     names, layout = shared_names(objective), objective.layout
-    unit = np.tile(np.concatenate([one.step for one in layout.chains]), T) ** -2.0
+    unit = np.tile(np.concatenate([chain.step for chain in layout.chains]), T) ** -2.0
     scale, known = layout.per_column("step"), set(names)
     damped = [scale[column] ** -2.0 * ((column, step + 1) not in known) for column, step in names]
     x = np.linalg.solve(H + damping * np.diag(np.concatenate([unit, damped])), g)
@@ -128,7 +128,7 @@ def test_steps_and_covariances_are_those_of_dense_algebra(kind: str, drifting: b
     H, g = dense(objective, state)
     layout, names = objective.layout, shared_names(objective)
     W, end = layout.frame_width, layout.frame_width * T
-    of_frame = np.concatenate([one.step for one in layout.chains])
+    of_frame = np.concatenate([chain.step for chain in layout.chains])
     unit = np.tile(of_frame, T) ** -2.0
     static = [index for index, (_, step) in enumerate(names) if step == 0]
     last, scale = dict(names), layout.per_column("step")  # a step of headings is held by its process noise
@@ -138,7 +138,7 @@ def test_steps_and_covariances_are_those_of_dense_algebra(kind: str, drifting: b
     near = {"rtol": 1e-8, "atol": 1e-8 * np.abs(x).max()}
     np.testing.assert_allclose(steps.frames, x[:end].reshape(T, W), **near)
     np.testing.assert_allclose(steps.static, x[end:][static], **near)
-    later = np.concatenate([np.zeros(0), *(one.ravel() for one in steps.later_headings.values())])
+    later = np.concatenate([np.zeros(0), *(heading.ravel() for heading in steps.later_headings.values())])
     np.testing.assert_allclose(later, np.delete(x[end:], static), **near)
     covariance, told = np.linalg.inv(H), list[float]()
     marginals = objective.linearise(state).marginals(told.append)

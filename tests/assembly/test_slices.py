@@ -65,10 +65,10 @@ def test_slices_of_each_wearer_and_of_what_films_them_add_up_too(kind: str) -> N
     charts = Charts.at(layout, np.zeros((T, layout.frame_width)), np.zeros(layout.static_width))
     whole = slices_of(model, state, charts)
     owners = [owner for owner, _ in layout.blocks]
-    parts = [{one, *owners[len(model.wearers) :]} for one in owners[: len(model.wearers)]]
+    parts = [{owner, *owners[len(model.wearers) :]} for owner in owners[: len(model.wearers)]]
     parts.append(set(owners[len(model.wearers) :]))
     layouts = [layout.of_owners(part) for part in parts]
-    empty = [Slices(one.frame_width, one.static_width, T) for one in layouts]
+    empty = [Slices(layout.frame_width, layout.static_width, T) for layout in layouts]
     hessian, gradient = np.zeros_like(whole.hessian), np.zeros_like(whole.gradient)
     for part, one in zip(parts, joined_slices(layouts, model, state, empty, charts), strict=True):
         frame, static = layout.frame_columns(part), layout.static_columns(part)
@@ -110,8 +110,10 @@ def test_a_slice_does_not_depend_on_what_came_before(silent: Sequence[int]) -> N
 
 
 def _inner(model: SceneProblem) -> SceneProblem:
-    wearers = tuple(replace(one, is_beginning=False, initial_pose=None) for one in model.wearers)
-    return replace(model, wearers=wearers, cameras=tuple(replace(one, is_beginning=False) for one in model.cameras))
+    wearers = tuple(replace(wearer, is_beginning=False, initial_pose=None) for wearer in model.wearers)
+    return replace(
+        model, wearers=wearers, cameras=tuple(replace(camera, is_beginning=False) for camera in model.cameras)
+    )
 
 
 @pytest.mark.parametrize("kind", ["moving", "standing"])

@@ -55,8 +55,8 @@ def scene(
     ]  # fmt: skip
     time = np.arange(round(seconds * RATE)) / RATE
     camera, names = camera_path(time), keypoint_set(keypoints)
-    points = np.stack([wearer_points(one, names, time).p_world_keypoint for one in people])
-    pixels = np.stack([MODEL.project(camera.to_camera(one)) for one in points], axis=1)
+    points = np.stack([wearer_points(person, names, time).p_world_keypoint for person in people])
+    pixels = np.stack([MODEL.project(camera.to_camera(point)) for point in points], axis=1)
     pixels = pixels + noise_px * random.standard_normal(pixels.shape)
     order = np.argsort(random.random((len(time), len(people))), axis=1)
     frame = np.repeat(np.arange(len(time)), len(people))

@@ -101,7 +101,7 @@ def test_a_wearer_who_is_not_in_the_picture(sample: Sample) -> None:
 def test_two_wearers_who_move_alike(sample: Sample) -> None:
     twin = replace(in_another_world(sample.motions[0], 0.8), name="twin")
     result = associate(sample.detections, MODEL, (sample.motions[0], twin))
-    assert any("moves like" in one and "twin" in one for one in sentences(result.findings))
+    assert any("moves like" in sentence and "twin" in sentence for sentence in sentences(result.findings))
 
 
 def test_exchanged_sides_are_told(sample: Sample) -> None:
@@ -110,7 +110,7 @@ def test_exchanged_sides_are_told(sample: Sample) -> None:
     wearers = sample.wearer >= 0
     swapped = replace(d, pixels=d.pixels[:, order], confidence=d.confidence[:, order]).select(wearers)
     result = associate(swapped, MODEL, sample.motions)
-    assert any("left and right exchanged" in one for one in sentences(result.findings))
+    assert any("left and right exchanged" in sentence for sentence in sentences(result.findings))
     silent = associate(swapped, MODEL, sample.motions, AssociationSettings(check=False))
     assert silent.findings == ()
     assert np.array_equal(silent.wearer, result.wearer)
@@ -122,7 +122,7 @@ def test_a_mirrored_picture_is_told(sample: Sample) -> None:
     pixels = d.pixels[:, order] * [-1.0, 1.0] + [2 * MODEL.centre[0], 0.0]
     mirrored = replace(d, pixels=pixels, confidence=d.confidence[:, order]).select(sample.wearer >= 0)
     result = associate(mirrored, MODEL, sample.motions)
-    assert any("in a mirrored picture" in one for one in sentences(result.findings))
+    assert any("in a mirrored picture" in sentence for sentence in sentences(result.findings))
 
 
 def test_another_order_of_keypoints_is_named() -> None:
@@ -130,7 +130,7 @@ def test_another_order_of_keypoints_is_named() -> None:
     d = sample.detections.select(sample.wearer >= 0)
     mislabelled = Detections(keypoint_set("body25"), d.time, d.frame, d.pixels, d.confidence)
     result = associate(mislabelled, MODEL, sample.motions)
-    assert any("'body25b'" in one for one in sentences(result.findings))
+    assert any("'body25b'" in sentence for sentence in sentences(result.findings))
 
 
 def only(detections: Detections, *joints: str) -> Detections:
@@ -163,7 +163,7 @@ def test_nobody_found_by_few_keypoints_is_not_put_down_to_clocks(sample: Sample)
     strangers = only(sample.detections, "shoulder", "hip", "knee").select(sample.wearer < 0)
     found = associate(strangers, MODEL, sample.motions[:1])
     assert np.mean(found.wearer >= 0) < 0.05
-    assert all("by the 6 keypoints" in one and "clock" not in one for one in sentences(found.findings))
+    assert all("by the 6 keypoints" in sentence and "clock" not in sentence for sentence in sentences(found.findings))
 
 
 def test_gravity_of_another_length_is_refused(sample: Sample) -> None:

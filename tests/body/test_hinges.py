@@ -78,8 +78,8 @@ def test_every_variable_belongs_to_one_hinge() -> None:
     columns = np.concatenate([one.columns for one in HINGES])
     assert sorted(columns) == list(range(HINGE_VARIABLES))
     mean = np.random.default_rng(1).normal(size=HINGE_VARIABLES)
-    for one in hinge_estimates(mean, np.diag(mean**2)):
-        np.testing.assert_array_equal(np.diag(one.covariance), one.variables**2)
+    for estimate in hinge_estimates(mean, np.diag(mean**2)):
+        np.testing.assert_array_equal(np.diag(estimate.covariance), estimate.variables**2)
 
 
 @pytest.mark.parametrize("joint", HINGE_OF)

@@ -60,7 +60,7 @@ def test_trunk_and_thigh_take_from_each_other() -> None:
 def test_bodies_of_one_stature_keep_it() -> None:
     random = np.random.default_rng(3)
     draws = random.multivariate_normal(np.zeros(len(LENGTHS)), VARIATION.covariance, 200)
-    statures = [VARIATION.varied(SKELETON, one).stature for one in draws]
+    statures = [VARIATION.varied(SKELETON, draw).stature for draw in draws]
     # A tape's centimetre, and what the head above its joint and the ankle take from the rest.
     assert np.std(statures) < 0.03 < np.sqrt(np.trace(VARIATION.covariance))
 

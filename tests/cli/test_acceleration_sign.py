@@ -76,7 +76,7 @@ def test_rotation_is_not_mirrored(run, tmp_path: Path, sign: float) -> None:
     options = ("--stature-m", 1.75, "--initial-pose", "n-pose")
     assert run("convert", table, made, "--columns", columns, "--placement", placement, *options).code == 0
     estimate = vip.smooth(vip.read(made), QUICK)
-    assert ("acceleration turned round" in {one.kind for one in estimate.all_findings}) is (sign < 0)
+    assert ("acceleration turned round" in {finding.kind for finding in estimate.all_findings}) is (sign < 0)
     angles = vip.joint_angles(estimate.wearers[0].motion)
     truth = walk().truth
     assert truth is not None
@@ -90,7 +90,7 @@ def test_straps_that_nobody_declared_are_a_note() -> None:
     recording = walk("tnt10")
     imus = {name: strapped_upside_down(stream) for name, stream in recording.imus.items()}
     estimate = vip.smooth(replace(recording, imus=imus, initial_pose="none", truth=None), QUICK)
-    assert "mountings estimated" in {one.kind for one in estimate.all_findings}
+    assert "mountings estimated" in {finding.kind for finding in estimate.all_findings}
     assert estimate.verdict.severity is Severity.CARE
 
 

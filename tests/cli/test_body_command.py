@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = [str(folder / name) for name in ("scene.mcap", "e.mcap")]
     assert main(["simulate", "gestures", made[0], "--camera", "fixed", "--seconds", "3", "--placement", "sip6"]) == 0
     scene = read_scene(made[0])
-    wearers = tuple(replace(one, subject=Subject("Ada", 1.72)) for one in scene.wearers)
+    wearers = tuple(replace(wearer, subject=Subject("Ada", 1.72)) for wearer in scene.wearers)
     write_recording(replace(scene, wearers=wearers), made[0], overwrite=True)
     assert main(["smooth", made[0], "--out", made[1], *QUICK]) == 0
     return folder
@@ -50,7 +50,7 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert told.code == 0, told.err
     [wearer] = read_scene(tmp_path / "again.mcap").wearers
     assert wearer.subject.length_prior is not None
-    assert [one.joint for one in wearer.subject.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
+    assert [hinge.joint for hinge in wearer.subject.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
     assert wearer.subject.body().source.startswith("e.mcap, VIP")
     told = run("smooth", tmp_path / "again.mcap", "--out", tmp_path / "again.e.mcap", *QUICK)
     assert told.code == 0, told.err

@@ -34,7 +34,7 @@ def test_tables_of_an_estimate(run: Callable, folder: Path, tmp_path: Path) -> N
     assert told.code == 0
     assert "events by the motion of the legs" in told.out
     assert "speed: 1.1" in told.out
-    assert {one.name for one in (tmp_path / "out").iterdir()} == {
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "strides.csv", "figures.csv", "curves.csv", "gait.json", "gait.png",
     }  # fmt: skip
     assert run(*words).code == 2

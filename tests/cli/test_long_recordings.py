@@ -34,7 +34,7 @@ def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
     told = run("smooth", files.recording, "--out", out, *WINDOWS, "--covariance")
     assert told.code == 0, told.err
     estimate, recording = read_estimate(out).wearer(), read_scene(files.recording).wearers[0]
-    windows = {one.stage for one in estimate.reports if one.stage.startswith("sparse inertial poser")}
+    windows = {report.stage for report in estimate.reports if report.stage.startswith("sparse inertial poser")}
     assert windows == {f"sparse inertial poser, window {number}" for number in (1, 2, 3, 4)}
     first, last = RecordingInMemory(recording).interval
     assert estimate.motion.start == first

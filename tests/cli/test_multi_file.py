@@ -143,7 +143,7 @@ def children(process: "subprocess.Popen[str]") -> list[Path]:
     tasks = Path(f"/proc/{process.pid}/task")
     if not tasks.exists():
         pytest.skip("children are looked up in Linux's /proc")
-    return [Path(f"/proc/{one}") for path in tasks.iterdir() for one in (path / "children").read_text().split()]
+    return [Path(f"/proc/{word}") for path in tasks.iterdir() for word in (path / "children").read_text().split()]
 
 
 def test_an_interrupt_ends_the_children_and_leaves_nothing(folder: Path, tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_only_the_last_solve_has_to_settle() -> None:
     estimate = estimate_of(SCENE)
     first, last = (SolveReport(stage, (), {}, {}, stage == "last", 0.0) for stage in ("first", "last, window 2"))
     kinds = [
-        [one.kind for one in replace(estimate, reports=reports).all_findings]
+        [finding.kind for finding in replace(estimate, reports=reports).all_findings]
         for reports in ((first, replace(last, converged=True)), (replace(first, converged=True), last))
     ]
     assert kinds == [[], ["not converged"]]

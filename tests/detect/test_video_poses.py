@@ -67,7 +67,7 @@ def test_a_short_track_is_left_out_and_the_others_are_numbered_anew(video: Path)
     people = Leaving({"a": (150, 120), "b": (450, 120)})
     poses = detect_video(video, tracker(people))
     assert poses.tracks == [1]
-    assert len([one for people in poses.frames for one in people]) == FRAMES
+    assert len([person for people in poses.frames for person in people]) == FRAMES
 
 
 def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
@@ -82,7 +82,7 @@ def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
     people = People({"a": (150, 120), "b": (450, 120)})
     poses = detect_video(video, tracker(people), DetectSettings(end_s=0.1), Model())  # type: ignore[arg-type]
     assert poses.keypoints.name == "coco17"
-    assert [len(one) for one in poses.frames[:3]] == [2, 2, 0]
+    assert [len(frame) for frame in poses.frames[:3]] == [2, 2, 0]
     assert len(Model.boxes) == 4
     for box, x in zip(Model.boxes, (150, 450, 150, 450), strict=True):
         assert box.left < x < box.right

@@ -109,7 +109,7 @@ def test_factors_over_frames_far_apart_are_those_of_the_graph() -> None:
     whole.graph.push_back(loops(problem.wearers[0].frames.time, 0))
     H, g = dense_of_graph(whole)
     layout = objective.layout
-    unit = np.tile(np.concatenate([one.step for one in layout.chains]), T) ** -2.0
+    unit = np.tile(np.concatenate([chain.step for chain in layout.chains]), T) ** -2.0
     x = np.linalg.solve(H + 0.1 * np.diag(np.concatenate([unit, layout.per_column("step") ** -2.0])), g)
     steps = objective.linearise(state).step(0.1)
     np.testing.assert_allclose(np.concatenate([steps.frames.ravel(), steps.static]), x, atol=1e-8 * np.abs(x).max())

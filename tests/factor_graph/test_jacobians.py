@@ -37,16 +37,16 @@ def everything(spread: float) -> tuple[SceneProblem, SceneState]:
         )
         for one, other in zip(problem.wearers, silent.wearers, strict=True)
     )
-    cameras = tuple(replace(one, settings=with_square_losses(one.settings)) for one in problem.cameras)
+    cameras = tuple(replace(camera, settings=with_square_losses(camera.settings)) for camera in problem.cameras)
     problem = replace(problem, wearers=wearers, cameras=cameras)
     states = tuple(
         replace(
-            one,
-            R_parent_child=exp(spread * random.standard_normal(one.R_parent_child.shape[:3])),
+            wearer,
+            R_parent_child=exp(spread * random.standard_normal(wearer.R_parent_child.shape[:3])),
             headings=spread * random.standard_normal(S),
             R_bone_sensor=exp(spread * random.standard_normal((S, 3))),
         )
-        for one in state.wearers
+        for wearer in state.wearers
     )
     return problem, replace(state, wearers=states)
 
@@ -74,7 +74,7 @@ def graph(spread: float) -> FactorGraph:
 
 
 def examples(spread: float, kind: str, count: int = 3) -> list[TermFactor]:
-    found = [one for one in graph(spread).factors if one.kind == kind]
+    found = [factor for factor in graph(spread).factors if factor.kind == kind]
     return (
         [found[int(index)] for index in np.unique(np.linspace(0, len(found) - 1, count).astype(int))] if found else []
     )
@@ -123,6 +123,6 @@ def _value(values: gtsam.Values, key: int) -> Any:
 
 def test_every_term_is_in_the_cost_the_equations_and_the_graph() -> None:
     problem, state = everything(0.5)
-    kinds = {one.kind for one in graph(0.5).factors}
+    kinds = {factor.kind for factor in graph(0.5).factors}
     assert kinds == set(KINDS) == set(SceneObjective(problem).cost(state))
     assert len(set(KINDS)) == len(KINDS)

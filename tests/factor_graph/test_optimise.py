@@ -85,4 +85,4 @@ def test_smoothing_with_gtsam_is_smoothing() -> None:
     apart = ours.motion.state.p_world_joint - theirs.motion.state.p_world_joint
     assert np.linalg.norm(apart, axis=2).mean() < 2e-3  # m: they stop where a step gains a thousandth of the cost
     assert theirs.settings["solver"] == "gtsam"
-    assert [one.stage for one in theirs.reports] == [one.stage for one in ours.reports]
+    assert [report.stage for report in theirs.reports] == [report.stage for report in ours.reports]

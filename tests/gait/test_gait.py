@@ -68,7 +68,7 @@ def test_events_by_the_legs(side: str, treadmill: bool) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_events_by_a_foot_sensor(side: str, recording: Recording) -> None:
-    site = next(one for one in recording.placement.sites if one.bone == f"{side}_ankle")
+    site = next(site for site in recording.placement.sites if site.bone == f"{side}_ankle")
     assert recording.truth is not None
     assert recording.truth.calibration is not None
     stream, R = recording.imus[site.sensor], recording.truth.calibration[site.sensor].R_bone_sensor
@@ -85,10 +85,10 @@ def test_events_by_a_foot_sensor(side: str, recording: Recording) -> None:
 
 
 def test_turns_are_no_part_of_means(gait: Gait) -> None:
-    turning = [one for one in gait.strides if one.end > TURN_AT + 0.3 and one.start < TURN_AT + 1.1]
+    turning = [stride for stride in gait.strides if stride.end > TURN_AT + 0.3 and stride.start < TURN_AT + 1.1]
     assert len(turning) >= 3
     assert all(one.left_out for one in turning)
-    assert all(one.end < TURN_AT + 0.7 or one.start > TURN_AT + 0.7 for one in gait.counted)
+    assert all(stride.end < TURN_AT + 0.7 or stride.start > TURN_AT + 0.7 for stride in gait.counted)
     assert len(gait.counted) >= 10
 
 
@@ -113,7 +113,7 @@ def test_figures_are_those_of_the_walk(gait: Gait) -> None:
 
 
 def test_curves_are_over_the_cycle(motion: Motion, recording: Recording, gait: Gait) -> None:
-    known = {(one.angle, one.side): one for one in gait.curves}
+    known = {(curve.angle, curve.side): curve for curve in gait.curves}
     knee = known["left_knee_flexion", "left"]
     assert len(knee.mean) == 101
     assert 0.6 < np.argmax(knee.mean) / 100 < 0.9  # knees are bent most in the swing
@@ -121,7 +121,7 @@ def test_curves_are_over_the_cycle(motion: Motion, recording: Recording, gait: G
     assert known["pelvis_rotation", "left"].mean == pytest.approx(np.zeros(101), abs=8)
     covariance = PoseCovariance(np.tile(4e-4 * np.eye(3), (len(motion), 24, 1, 1)), np.zeros((len(motion), 3, 3)))
     surer = gait_of(replace(estimate_of(motion, recording), covariance=covariance), recording)
-    wide = next(one for one in surer.curves if (one.angle, one.side) == ("left_knee_flexion", "left"))
+    wide = next(curve for curve in surer.curves if (curve.angle, curve.side) == ("left_knee_flexion", "left"))
     assert surer.with_covariance
     assert np.all(wide.sigma > knee.sigma)
 
@@ -133,7 +133,7 @@ def test_the_walk_that_the_package_makes_can_be_measured() -> None:
     way_m = np.linalg.norm(motion.p_world_pelvis[-1] - motion.p_world_pelvis[0])
     for recording in (made, None):  # by sensors on the feet, and by the legs
         gait = gait_of(estimate_of(motion, made), recording)
-        assert {one.by_sensor for one in gait.feet.values()} == {recording is not None}
+        assert {foot.by_sensor for foot in gait.feet.values()} == {recording is not None}
         assert len(gait.counted) == len(gait.strides) >= 10
         speed, time = gait.figure("speed"), gait.figure("time")
         assert speed is not None
@@ -196,9 +196,9 @@ def shank_stream(motion: Motion, site: SensorSite) -> ImuStream:
 def test_shanks_tell_lengths_that_the_motion_has_too_short(motion: Motion, recording: Recording) -> None:
     """Of a motion whose feet slide back as they stand, as those do whose thighs swing too little."""
     short = replace(motion, p_world_pelvis=motion.p_world_pelvis * np.array([0.93, 0.93, 1.0]))
-    sites = [one for one in recording.placement.sites if one.bone in ("left_knee", "right_knee")]
-    worn = replace(recording, imus={one.sensor: shank_stream(motion, one) for one in sites}, truth=None)
-    known = {one.sensor: SensorCalibration(0.0, one.R_bone_sensor, bone=one.bone) for one in sites}
+    sites = [site for site in recording.placement.sites if site.bone in ("left_knee", "right_knee")]
+    worn = replace(recording, imus={site.sensor: shank_stream(motion, site) for site in sites}, truth=None)
+    known = {site.sensor: SensorCalibration(0.0, site.R_bone_sensor, bone=site.bone) for site in sites}
     astray = {name: replace(one, heading=np.pi) for name, one in known.items()}
     for calibration, expected, sigma in ((known, STRIDE_M, 0.035), (astray, 0.93 * STRIDE_M, 0.06)):
         found = gait_of(WearerEstimate("walker", "SIP", short, calibration), worn).figure("length")
@@ -216,16 +216,16 @@ def test_nothing_is_told_of_what_no_sensor_measured(
 ) -> None:
     """With the recording its placement tells where sensors sat, without it the estimate."""
     whole = estimate_of(motion, recording)
-    bones = {one.sensor: one.bone for one in recording.placement.sites}
+    bones = {site.sensor: site.bone for site in recording.placement.sites}
     feet = {name: replace(one, bone=bones[name]) for name, one in whole.calibration.items() if bones[name] in FEET}
     estimate = replace(whole, calibration=feet, sensors=tuple(feet))
     found = gait_of(estimate, recording if with_recording else None)
     assert found.bones == FEET
     assert not found.curves
-    assert {one.quantity.name for one in gait.figures} - {one.quantity.name for one in found.figures} == {
+    assert {figure.quantity.name for figure in gait.figures} - {figure.quantity.name for figure in found.figures} == {
         "width", "step_length"
     }  # fmt: skip
-    assert all(np.isnan(one.values["width"]) for one in found.strides)
+    assert all(np.isnan(stride.values["width"]) for stride in found.strides)
     *unsure, said = map(str, found.findings)
     assert len(unsure) == (not with_recording)  # then the legs tell when feet strike
     assert "hip, knee, ankle" in said
@@ -308,11 +308,15 @@ def test_lengths_by_the_legs_are_as_sure_as_the_legs_length(motion: Motion, reco
 
 def test_a_difference_is_left_less_right(gait: Gait) -> None:
     longer = [
-        replace(one, values=one.values | {"length": one.values["length"] + 0.1 * (one.side == "left")})
-        for one in gait.counted
+        replace(stride, values=stride.values | {"length": stride.values["length"] + 0.1 * (stride.side == "left")})
+        for stride in gait.counted
     ]
     found = [
-        next(one.mean for one in _figures(strides, 0.05) if (one.quantity.name, one.side) == ("length", "difference"))
+        next(
+            figure.mean
+            for figure in _figures(strides, 0.05)
+            if (figure.quantity.name, figure.side) == ("length", "difference")
+        )
         for strides in (gait.counted, longer)
     ]
     assert found[1] - found[0] == pytest.approx(0.1)
@@ -324,7 +328,7 @@ def test_the_picture_says_what_it_shows(gait: Gait) -> None:
     words = " ".join(text.get_text() for text in figure.texts)
     for side in SIDES:
         assert f"{side} (" in words
-        assert f"n = {sum(one.side == side for one in gait.counted)}" in words
+        assert f"n = {sum(stride.side == side for stride in gait.counted)}" in words
     for axes in figure.axes:
         assert axes.get_xlabel() == "% of the gait cycle"
         assert axes.get_ylabel() == "degrees"

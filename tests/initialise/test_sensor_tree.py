@@ -17,11 +17,11 @@ def test_the_minimum_is_that_of_all_choices() -> None:
     links = (link(0, 1), link(0, 2), link(2, 3))
     mountings = (1, 2, 1, 3)
     unary = [rng.random((4, count)) for count in mountings]
-    pairs = {one.child: rng.random((*unary[one.parent].shape, *unary[one.child].shape)) for one in links}
+    pairs = {link.child: rng.random((*unary[link.parent].shape, *unary[link.child].shape)) for link in links}
     states = [list(np.ndindex(cost.shape)) for cost in unary]
     every = {
         choice: sum(cost[own] for cost, own in zip(unary, choice, strict=True))
-        + sum(pairs[one.child][choice[one.parent] + choice[one.child]] for one in links)
+        + sum(pairs[link.child][choice[link.parent] + choice[link.child]] for link in links)
         for choice in product(*states)
     }
     found = least_cost(unary, links, pairs)

@@ -113,7 +113,9 @@ def hinge_of(rng: np.random.Generator, joint: str) -> HingeEstimate:
 
 
 def sensor_positions(rng: np.random.Generator, sensors: list[str]) -> tuple[SensorPlaceEstimate, ...]:
-    return tuple(SensorPlaceEstimate(one, "left_knee", *rng.normal(size=(3, 3)), np.full(3, np.nan)) for one in sensors)
+    return tuple(
+        SensorPlaceEstimate(sensor, "left_knee", *rng.normal(size=(3, 3)), np.full(3, np.nan)) for sensor in sensors
+    )
 
 
 @st.composite

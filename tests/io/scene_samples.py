@@ -68,7 +68,7 @@ def cameras(draw: st.DrawFn) -> Camera:
 def scenes(draw: st.DrawFn) -> Scene:
     people = draw(st.lists(recordings(), min_size=1, max_size=3, unique_by=lambda one: one.subject.name))
     start_ns = draw(st.sampled_from([0, 1_700_000_000_000_000_000]))
-    wearers = tuple(replace(one, start_ns=start_ns) for one in people)
+    wearers = tuple(replace(person, start_ns=start_ns) for person in people)
     films = [
         replace(one, name=f"{number}/{one.name}", truth=draw(st.sampled_from([None, _truth(draw, one, len(wearers))])))
         for number, one in enumerate(draw(st.lists(cameras(), max_size=3)))

@@ -224,13 +224,17 @@ def write_export(folder: Path, stream_of: dict[str, ImuStream]) -> Path:
         lines = [f"PathFileType\t4\t(X/Y/Z)\t{ending}", "DataRate\tUnits", "50\tm", f"Frame#\tTime\t{names}"]
         lines.append("\t\t" + "\t".join(f"X{i + 1}\tY{i + 1}\tZ{i + 1}" for i in range(len(streams))) + "\n")
         for i, time in enumerate(streams[0].time):
-            values = np.concatenate([getattr(one, quantity)[i] for one in streams])
+            values = np.concatenate([getattr(stream, quantity)[i] for stream in streams])
             lines.append("\t".join([str(i + 1), repr(float(time)), *(repr(float(v)) for v in values)]))
         (folder / f"walk_{ending}.trc").write_text("\n".join(lines) + "\n")
     lines = ["DataRate=50", "DataType=Quaternion", "version=3", "endheader", "\t".join(["time", *stream_of])]
     for i, time in enumerate(streams[0].time):
-        R = [one.R_inertial_sensor[i] for one in streams if one.R_inertial_sensor is not None]
+        R = [stream.R_inertial_sensor[i] for stream in streams if stream.R_inertial_sensor is not None]
         quaternions = [quaternion_from_matrix(one, Order.WXYZ) for one in R]
-        lines.append("\t".join([repr(float(time)), *(",".join(repr(float(q)) for q in one) for one in quaternions)]))
+        lines.append(
+            "\t".join(
+                [repr(float(time)), *(",".join(repr(float(q)) for q in quaternion) for quaternion in quaternions)]
+            )
+        )
     (folder / "walk_Orientations.sto").write_text("\n".join(lines) + "\n")
     return folder

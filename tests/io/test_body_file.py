@@ -101,6 +101,6 @@ def test_of_several_wearers_the_one_of_that_name_gets_it() -> None:
     recording, body = walk(), body_of(3)
     bea = replace(recording, subject=replace(recording.subject, name="Bea"))
     scene = scene_with_body(Scene("both", (bea, recording)), body, Path("b.toml"))
-    assert [one.subject.length_prior is body.lengths for one in scene.wearers] == [False, True]
+    assert [wearer.subject.length_prior is body.lengths for wearer in scene.wearers] == [False, True]
     with pytest.raises(InputError, match=r"b.toml is the body of 'Cid', scene 'both' has the wearers Bea, Ada"):
         scene_with_body(scene, replace(body, name="Cid"), Path("b.toml"))

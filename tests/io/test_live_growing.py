@@ -48,7 +48,7 @@ def by_time(samples: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def assert_followed(scene: Scene, setup: Scene, samples: list[Any]) -> None:
-    times = [one.time for one in samples]
+    times = [sample.time for sample in samples]
     assert times == sorted(times)
     assert_same(stream_head(scene), setup)
     assert_same(by_time(live_samples(scene)), by_time(samples))
@@ -64,7 +64,7 @@ def standing(scene: Scene) -> Scene:
 @pytest.mark.parametrize("make", [short_walk, lambda: standing(short_walk()), filmed_walk])
 def test_a_growing_scene_arrives(make: Callable[[], Scene], tmp_path: Path) -> None:
     scene = make()
-    scene = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
+    scene = replace(scene, wearers=tuple(replace(wearer, truth=None) for wearer in scene.wearers))
     data, path = written(scene, tmp_path), tmp_path / "growing.mcap"
 
     def grow() -> None:

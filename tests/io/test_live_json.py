@@ -23,8 +23,8 @@ DATA_SCHEMAS = Path(__file__).parents[2] / "data_schemas"
 def lines_of(scene: Scene, *estimates: object) -> list[dict]:
     stream = io.StringIO()
     sink = LiveJsonSink(stream, scene)
-    for one in estimates:
-        sink.write(one)
+    for estimate in estimates:
+        sink.write(estimate)
     assert stream.getvalue().endswith("\n")
     return [json.loads(line) for line in stream.getvalue().splitlines()]
 
@@ -41,8 +41,8 @@ def test_there_is_a_line_a_frame_with_joints_by_name() -> None:
     assert [(line["version"], line["frame"]) for line in lines] == [(1, number) for number in range(len(given))]
     assert [one["name"] for one in lines[0]["wearers"]] == ["ann", "bob"]
     assert lines[0]["wearers"][0]["smoothed"] is None
-    motions = [one.truth.motion for one in scene.wearers]
-    angles = [joint_angles(one) for one in motions]
+    motions = [wearer.truth.motion for wearer in scene.wearers]
+    angles = [joint_angles(motion) for motion in motions]
     for line, estimate in zip(lines[LAG:], given[LAG:], strict=True):
         for number, (told, wearer) in enumerate(zip(line["wearers"], estimate.wearers, strict=True)):
             for kind, frame in (("newest", estimate.frame), ("smoothed", estimate.frame - LAG)):

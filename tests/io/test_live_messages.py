@@ -49,7 +49,7 @@ class Received:
 
 
 HEADER = header_message(stream_head(short_walk()))
-WALK = [delimited(one) for one in live_messages(short_walk())]
+WALK = [delimited(message) for message in live_messages(short_walk())]
 
 
 def header() -> LiveMessage:
@@ -133,7 +133,7 @@ def test_the_quick_rotation_refuses_what_the_tested_one_does(q: tuple[float, ...
 def test_unknown_carriers_and_sensors_are_passed_on() -> None:
     frame = VideoFrame("drone", 0.1, np.ones((1, 3, 2)), np.ones((1, 3)))
     got = Received().taken(header(), sample_message(ImuSample("Bob", "tail", 1.0)), sample_message(frame))
-    assert [one.carrier for one in got.samples[:1]] == ["Bob"]
+    assert [sample.carrier for sample in got.samples[:1]] == ["Bob"]
     assert got.samples[1].camera == "drone"
     assert got.samples[1].pixels.shape == (1, 3, 2)
     assert got.sentences == []

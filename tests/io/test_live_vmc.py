@@ -170,7 +170,7 @@ def test_the_messages_are_those_of_the_protocol_in_datagrams_that_travel_whole()
         sink.write(answer(scene, 0))
         datagrams = [ear.recv(65536) for _ in range(2)]
         sink.close()
-    assert all(one.startswith(b"#bundle\0") and len(one) <= DATAGRAM for one in datagrams)
+    assert all(datagram.startswith(b"#bundle\0") and len(datagram) <= DATAGRAM for datagram in datagrams)
     assert b"/VMC/Ext/OK\0,i\0\0\0\0\0\1" in datagrams[0]
     assert b"/VMC/Ext/T\0\0,f\0\0" in datagrams[0]
     assert b"/VMC/Ext/Root/Pos\0\0\0,sfffffff\0\0\0root\0\0\0\0" in datagrams[0]

@@ -61,7 +61,7 @@ def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> Non
 
 def position(message, frame: str) -> np.ndarray:
     """Origin of a frame in the world, by the rotation formula of a quaternion itself."""
-    by_child = {one.child_frame_id: one for one in message.transforms}
+    by_child = {transform.child_frame_id: transform for transform in message.transforms}
     p = np.zeros(3)
     while frame != "world":
         one = by_child[frame]
@@ -107,8 +107,10 @@ def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: 
     write_estimate(Estimate.of_one(estimate), tmp_path / "e.mcap")
     read = read_estimate(tmp_path / "e.mcap").wearer()
     assert_same(replace(estimate, findings=()), replace(read, findings=()))
-    assert [(one.kind, str(one)) for one in read.findings] == [(one.kind, str(one)) for one in estimate.findings]
-    assert [one.kind for one in read.findings] == ["text", "leap"]
+    assert [(finding.kind, str(finding)) for finding in read.findings] == [
+        (finding.kind, str(finding)) for finding in estimate.findings
+    ]
+    assert [finding.kind for finding in read.findings] == ["text", "leap"]
     told = terminal_text(estimate_tables(Estimate.of_one(read)))
     assert re.search("  doubt: +wearer 'Ada': jumps in the image", told)
     assert re.search("  start: +sensors sit as placed", told)

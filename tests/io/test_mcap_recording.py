@@ -55,7 +55,7 @@ def test_other_readers_see_one_channel_per_sensor_with_sorted_nanosecond_times(t
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         assert summary is not None
-        assert {f"/imu/{name}" for name in recording.imus} < {one.topic for one in summary.channels.values()}
+        assert {f"/imu/{name}" for name in recording.imus} < {channel.topic for channel in summary.channels.values()}
         decoded = [m for *_, m in reader.iter_decoded_messages("/imu/pelvis")]
         logged = [message.log_time for _, _, message in reader.iter_messages("/imu/head")]
     assert [m.specific_force.x for m in decoded] == recording.imus["pelvis"].specific_force[:, 0].tolist()
@@ -198,8 +198,8 @@ def _written(path: Path, info: CameraInfo, frames: list[Detections2D]) -> Path:
         left_out = (FIRST_CAMERA("info"), FIRST_CAMERA("detections"), "/truth/camera")
         copy_messages(path.with_name("whole.mcap"), writer._writer, left_out)
         writer.write(FIRST_CAMERA("info"), info, 1)
-        for one in frames:
-            writer.write(FIRST_CAMERA("detections"), one, 1)
+        for frame in frames:
+            writer.write(FIRST_CAMERA("detections"), frame, 1)
     return path
 
 

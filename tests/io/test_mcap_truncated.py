@@ -56,7 +56,9 @@ def read_cut(folder: Path, data: bytes, cut: int) -> tuple[McapContents, list[by
             contents = read_contents(path)
     else:
         contents = read_contents(path)
-    both = [pair for one in contents.messages.values() for pair in zip(one.log_times, one.data, strict=True)]
+    both = [
+        pair for message in contents.messages.values() for pair in zip(message.log_times, message.data, strict=True)
+    ]
     return contents, [message for _, message in sorted(both)]
 
 
@@ -90,7 +92,7 @@ def test_a_damaged_chunk_is_left_out_and_the_others_are_read(tmp_path: Path) -> 
         (tmp_path / "damaged.mcap").write_bytes(file)
         with pytest.warns(McapWarning, match="a chunk .*left out"):
             contents = read_contents(tmp_path / "damaged.mcap")
-        found = {data for one in contents.messages.values() for data in one.data}
+        found = {data for message in contents.messages.values() for data in message.data}
         assert found < set(payloads())
         assert len(found) >= MESSAGES - 40
         assert contents.damage
@@ -103,7 +105,7 @@ def test_a_record_of_wrong_length_is_told_as_damage_not_as_a_cut(tmp_path: Path)
     (tmp_path / "damaged.mcap").write_bytes(file)
     with pytest.warns(McapWarning, match=f"damaged at byte {where - 1}"):
         contents = read_contents(tmp_path / "damaged.mcap")
-    assert sum(len(one.data) for one in contents.messages.values()) == 100
+    assert sum(len(message.data) for message in contents.messages.values()) == 100
 
 
 def test_the_index_says_when_messages_begin_and_end_if_it_is_whole(tmp_path: Path) -> None:

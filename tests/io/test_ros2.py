@@ -45,7 +45,7 @@ def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
     assert streams["a"].R_inertial_sensor is None
     assert streams["b"].specific_force is None
     assert streams["d"].R_inertial_sensor is None  # as of drivers without an orientation
-    assert [float(one.time[0]) for one in streams.values()] == [0, 0, 0, 0.02]  # from the earliest stamp
+    assert [float(stream.time[0]) for stream in streams.values()] == [0, 0, 0, 0.02]  # from the earliest stamp
     assert streams["c"].angular_rate is None
     assert streams["c"].specific_force is not None
     assert streams["c"].R_inertial_sensor is not None

@@ -133,7 +133,7 @@ def test_blanks_and_a_broken_last_line_cost_their_samples_only(log: tuple[Path, 
     lines[9] = ",".join(cells)
     log[0].write_text("\n".join([*lines, "0.8,1,2"]))
     found = read_log(log[0], columns=log[1])
-    assert [len(one) for one in found.imus.values()] == [39, 40]
+    assert [len(imu) for imu in found.imus.values()] == [39, 40]
     assert any("1 of 40 samples with missing values" in note for note in found.notes)
     assert any("the last line 42 breaks off" in note for note in found.notes)
 

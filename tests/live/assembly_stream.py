@@ -42,7 +42,7 @@ def video(time: float, people: int = 1) -> VideoFrame:
 
 
 def assemble(samples: Iterable[LiveSample], assembler: FrameAssembler, flush: bool = True) -> list[LiveFrame]:
-    frames = [frame for one in samples for frame in assembler.push(one)]
+    frames = [frame for sample in samples for frame in assembler.push(sample)]
     return frames + (assembler.flush() if flush else [])
 
 

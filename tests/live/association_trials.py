@@ -110,7 +110,7 @@ def predictions(
 
 
 def association_of(scene: Scene) -> OnlineAssociation:
-    skeletons = [one.truth.motion.skeleton for one in scene.wearers]
+    skeletons = [wearer.truth.motion.skeleton for wearer in scene.wearers]
     return OnlineAssociation(scene.camera.detections.keypoints, scene.camera.model, skeletons)
 
 

@@ -46,23 +46,23 @@ def simulated(imu_rate: float, packet_loss: float, jitter: float = 0.0) -> tuple
 )
 def test_frames_equal_the_batch(imu_rate: float, loss: float, jitter: float) -> None:
     scene, streams = simulated(imu_rate, loss, jitter)
-    columns = [("anna", one.name) for one in streams[:-1]] + [("camera", streams[-1].name)]
+    columns = [("anna", stream.name) for stream in streams[:-1]] + [("camera", streams[-1].name)]
     assembler = FrameAssembler(columns, RATE, PATIENT, stream_head(scene).cameras)
     frames = assemble(live_samples(scene), assembler)
 
-    batch = resample_streams(streams, np.array([one.time for one in frames]))
-    seen = np.array([one.orientation_valid for one in frames])
-    whole = np.array([one.acceleration_valid_before for one in frames])[1:]
+    batch = resample_streams(streams, np.array([frame.time for frame in frames]))
+    seen = np.array([frame.orientation_valid for frame in frames])
+    whole = np.array([frame.acceleration_valid_before for frame in frames])[1:]
     # A period that jitters is known to a percent or two: a frame at the very edge of a gap may fall on either side.
     odd = 0.005 if jitter else 0.0
     assert np.mean(seen != batch.orientation_valid) <= odd
     assert np.mean(whole != batch.acceleration_valid[:-1]) <= odd
     assert 0.6 < seen.mean() <= 1.0
     both = seen & batch.orientation_valid
-    R = np.array([one.R_inertial_sensor for one in frames])
+    R = np.array([frame.R_inertial_sensor for frame in frames])
     np.testing.assert_allclose(R[both], batch.R_inertial_sensor[both], atol=1e-9)
     both = whole & batch.acceleration_valid[:-1]
-    force = np.array([one.specific_force_before for one in frames])[1:]
+    force = np.array([frame.specific_force_before for frame in frames])[1:]
     np.testing.assert_allclose(force[both], batch.specific_force_inertial[:-1][both], atol=1e-6)
     assert np.all(force[~whole] == 0)
     assert np.all(R[~seen] == np.eye(3))
@@ -70,7 +70,7 @@ def test_frames_equal_the_batch(imu_rate: float, loss: float, jitter: float) -> 
 
 def test_each_video_frame_is_handed_out_once_with_its_frame() -> None:
     scene, streams = simulated(60.0, 0.0)
-    columns = [("anna", one.name) for one in streams[:-1]] + [("camera", streams[-1].name)]
+    columns = [("anna", stream.name) for stream in streams[:-1]] + [("camera", streams[-1].name)]
     frames = assemble(live_samples(scene), FrameAssembler(columns, RATE, cameras=stream_head(scene).cameras))
     assert scene.camera is not None
     handed = [(video.frame, video.time) for frame in frames for video in frame.video]
@@ -155,17 +155,19 @@ def test_time_stays_exact_and_memory_flat_over_hours() -> None:
     size = assembler._buffer._time.shape
     frames = assemble(stream(begin + 8.0, begin + 16.0), assembler)
     assert assembler._buffer._time.shape == size
-    np.testing.assert_allclose([one.time for one in frames], begin + np.arange(480, 960) / RATE, atol=1e-9)
-    assert all(np.all(one.acceleration_valid_before) for one in frames)
+    np.testing.assert_allclose([frame.time for frame in frames], begin + np.arange(480, 960) / RATE, atol=1e-9)
+    assert all(np.all(frame.acceleration_valid_before) for frame in frames)
 
 
 @pytest.mark.parametrize("rate", [1000.0, 25.0])
 def test_fast_and_slow_sensors(rate: float) -> None:
     frames = assemble(stream(0.0, 2.0, rate=rate), FrameAssembler(COLUMNS, RATE))
     assert len(frames) > 100
-    assert all(np.all(one.orientation_valid) for one in frames)
-    truth = [sample(COLUMNS[1], one.time).R_inertial_sensor for one in frames]
-    np.testing.assert_allclose([one.R_inertial_sensor[1] for one in frames[:100]], truth[:100], atol=0.4 / rate + 1e-5)
+    assert all(np.all(frame.orientation_valid) for frame in frames)
+    truth = [sample(COLUMNS[1], frame.time).R_inertial_sensor for frame in frames]
+    np.testing.assert_allclose(
+        [frame.R_inertial_sensor[1] for frame in frames[:100]], truth[:100], atol=0.4 / rate + 1e-5
+    )
 
 
 @pytest.mark.parametrize(

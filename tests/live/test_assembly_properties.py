@@ -37,7 +37,7 @@ def test_any_order_within_patience(seed: int, loss: float, twice: float, delay: 
     frames = assemble(ordered, FrameAssembler(COLUMNS, RATE, cameras=[CAMERA]))
     in_order_once(frames)
     if frames:
-        times = np.array([one.time for one in frames])
+        times = np.array([frame.time for frame in frames])
         np.testing.assert_allclose(times, times[0] + np.arange(len(times)) / RATE, atol=1e-9)
         newest = max(one.time for one in ordered if isinstance(one, ImuSample))
         assert newest - 1 / RATE < times[-1] <= newest + 1e-6

@@ -53,12 +53,12 @@ def test_frames_over_a_pause_of_all_are_there_with_nothing_valid() -> None:
     assembler = started()
     frames = assemble(stream(3.0, 4.0), assembler)
     assert consecutive(frames)
-    np.testing.assert_allclose([one.time for one in frames], 1.0 + np.arange(len(frames)) / RATE, atol=1e-9)
-    pause = [one for one in frames if 1.05 < one.time < 2.95]
+    np.testing.assert_allclose([frame.time for frame in frames], 1.0 + np.arange(len(frames)) / RATE, atol=1e-9)
+    pause = [frame for frame in frames if 1.05 < frame.time < 2.95]
     assert len(pause) > 110
     assert not any(np.any(one.orientation_valid) or np.any(one.acceleration_valid_before) for one in pause)
-    assert not any(one.restart for one in frames)
-    assert all(np.all(one.orientation_valid) for one in frames if one.time > 3.05)
+    assert not any(frame.restart for frame in frames)
+    assert all(np.all(frame.orientation_valid) for frame in frames if frame.time > 3.05)
     assert findings_of(assembler) == ("all sensors were silent for 2.0 s from 0.98 s on: going on",)
 
 
@@ -66,7 +66,7 @@ def test_after_a_long_pause_tracking_starts_again() -> None:
     assembler = started()
     frames = assemble(stream(20.0, 21.0), assembler)
     assert consecutive(frames)
-    assert [one.restart for one in frames] == [True] + [False] * (len(frames) - 1)
+    assert [frame.restart for frame in frames] == [True] + [False] * (len(frames) - 1)
     assert frames[0].time == pytest.approx(20.0, abs=2 / RATE)
     assert (frames[0].time * RATE) % 1 == pytest.approx(0, abs=1e-6)
     assert np.all(frames[3].acceleration_valid_before)
@@ -88,7 +88,7 @@ def test_one_stray_stamp_ahead_makes_nobody_late() -> None:
     assembler = started()
     stray = sample(WRIST, 1.0, stamp=4.0)
     frames = assemble([stray, *stream(1.0, 2.0)], assembler)
-    assert all(np.all(one.orientation_valid) for one in frames)
+    assert all(np.all(frame.orientation_valid) for frame in frames)
     assert consecutive(frames)
     (finding,) = findings_of(assembler)
     assert finding == "the clock of sensor 'wrist' of 'Ada' jumped from 0.98 s to 4.00 s: such samples are refused"
@@ -102,7 +102,7 @@ def test_a_clock_that_starts_again_is_followed(leap: float) -> None:
     assert consecutive(frames)
     (told,) = findings_of(assembler)
     assert re.search(r"jumped from 1.00 s to .* s: it goes on from there, its .* s are taken for 1.50 s", told)
-    later = [one for one in frames if one.time > 1.6]
+    later = [frame for frame in frames if frame.time > 1.6]
     assert all(np.all(one.orientation_valid) for one in later)
     truth = sample(WRIST, later[-1].time).R_inertial_sensor
     np.testing.assert_allclose(later[-1].R_inertial_sensor[1], truth, atol=0.05)  # a period off: by arrival alone
@@ -127,7 +127,7 @@ def test_clocks_that_start_again_together_stay_in_step() -> None:
         for t in moments
     ]
     assert min(errors) < 2e-3
-    assert sum(len(one.video) for one in frames) > 30
+    assert sum(len(frame.video) for frame in frames) > 30
 
 
 @pytest.mark.parametrize("epoch", [-1e6, 1e6])
@@ -176,7 +176,7 @@ def test_absurd_samples_are_skipped_and_told_once(change: dict[str, object], rea
     assembler = started()
     bad = [replace(sample(WRIST, 1.001), **change) for _ in range(5)]  # type: ignore[arg-type]
     frames = assemble([*bad, *stream(1.0, 2.0)], assembler, flush=False)
-    assert all(np.all(one.orientation_valid) for one in frames)
+    assert all(np.all(frame.orientation_valid) for frame in frames)
     (finding,) = findings_of(assembler)
     assert finding.startswith(f"sensor 'wrist' of 'Ada': 1 sample skipped: {reason}")
     assembler.flush()
@@ -211,7 +211,7 @@ def test_one_clock_ahead_makes_not_all_others_late() -> None:
     samples = [replace(one, time=one.time + (0.2 if one.sensor == "a" else 0.0)) for one in stream(0.0, 3.0, columns)]
     assembler = FrameAssembler(columns, RATE)
     frames = assemble(samples, assembler, flush=False)
-    assert all(np.all(one.orientation_valid[1:]) for one in frames)
+    assert all(np.all(frame.orientation_valid[1:]) for frame in frames)
     assert findings_of(assembler) == ()
 
 
@@ -223,7 +223,7 @@ def test_unknown_names_are_told_once_each_and_bounded() -> None:
     findings = findings_of(assembler)
     assert len(findings) == 101
     assert findings[0].startswith("sensor '0000")
-    assert all(len(one) < 200 for one in findings)
+    assert all(len(finding) < 200 for finding in findings)
     assembler.push(replace(video(1.0), camera="door"))
     assert assembler.counts["unknown"] == 301
 
@@ -314,7 +314,7 @@ def test_a_small_step_of_one_clock_is_followed_and_told_once(leap: float) -> Non
         told += findings_of(assembler)
     (sentence,) = told
     assert "'wrist' of 'Ada' jumped" in sentence
-    later = [one for one in frames if one.time > 1.6]
+    later = [frame for frame in frames if frame.time > 1.6]
     assert len(later) > 130
     for one in later:
         assert np.all(one.orientation_valid)

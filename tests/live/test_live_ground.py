@@ -129,9 +129,9 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     body = forward_kinematics(skeleton, motion.R_parent_child, motion.p_world_pelvis)
     R, p = path.R_world_camera[0], path.p_world_camera[0]
     places = setup.camera.keypoints.on_body(skeleton)
-    points = [np.zeros(3) if one is None else body.point(one.bone, one.p_bone_point)[0] for one in places]
+    points = [np.zeros(3) if place is None else body.point(place.bone, place.p_bone_point)[0] for place in places]
     pixels = scene.camera.model.project((np.stack(points) - p) @ R)
-    pixels[places.index(next(one for one in places if one is not None))] += far_px
+    pixels[places.index(next(place for place in places if place is not None))] += far_px
     video = VideoFrame("camera", 0.0, pixels[None], np.full((1, len(pixels)), 0.9))
     views = []
     for one in (QUICK, settings):

@@ -61,8 +61,8 @@ def test_few_keypoints_are_enough(joints):
     names = scene.camera.detections.keypoints.keypoints
     given = np.array([name.split("_")[-1] in joints for name in names])
     frames = [
-        replace(one, pixels=np.where(given[:, None], one.pixels, np.nan), confidence=given * one.confidence)
-        for one in trial.frames
+        replace(frame, pixels=np.where(given[:, None], frame.pixels, np.nan), confidence=given * frame.confidence)
+        for frame in trial.frames
     ]
     precision, recall = precision_and_recall(run(scene, replace(trial, frames=frames)).lagged, trial.owners)
     assert precision > PRECISE

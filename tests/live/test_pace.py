@@ -112,6 +112,6 @@ def test_every_frame_is_answered_though_fewer_are_solved_and_a_replay_solves_all
         if sample.time > 2.6:
             break
         tracker.note_behind(0.2)
-        answered += [one.frame for one in tracker.push(sample)]
+        answered += [answer.frame for answer in tracker.push(sample)]
     assert answered == list(range(answered[-1] + 1))
     assert set(np.diff(solved[-3:]).tolist()) == {frames}

@@ -41,7 +41,7 @@ def anew() -> Tracked:
 
 
 def test_every_frame_is_answered_once_and_in_order(anew: Tracked) -> None:
-    assert [one.frame for one in anew.answers] == list(range(len(anew.answers)))
+    assert [answer.frame for answer in anew.answers] == list(range(len(anew.answers)))
     assert anew.answers[-1].time > 4.9
 
 
@@ -56,9 +56,9 @@ def test_the_body_changes_once_it_is_found(anew: Tracked) -> None:
 
 
 def test_answers_are_preliminary_until_then(anew: Tracked) -> None:
-    begun = [one.preliminary for one in anew.answers]
+    begun = [answer.preliminary for answer in anew.answers]
     assert begun == sorted(begun, reverse=True)
-    assert 2.9 <= next(one.time for one in anew.answers if not one.preliminary) < 3.2
+    assert 2.9 <= next(answer.time for answer in anew.answers if not answer.preliminary) < 3.2
 
 
 def test_answers_stay_near_the_truth(anew: Tracked) -> None:
@@ -67,9 +67,9 @@ def test_answers_stay_near_the_truth(anew: Tracked) -> None:
 
 def test_the_world_stays_as_it_was(anew: Tracked) -> None:
     """What is found anew has a world of its own; nobody sees a wearer leap into it."""
-    poses = [one.wearers[0].newest for one in anew.answers if 2.8 < one.time < 3.4]
-    steps = np.linalg.norm(np.diff([one.p_world_pelvis for one in poses], axis=0), axis=1)
-    yaws = yaw_of(np.stack([one.R_parent_child[0] for one in poses]))
+    poses = [answer.wearers[0].newest for answer in anew.answers if 2.8 < answer.time < 3.4]
+    steps = np.linalg.norm(np.diff([pose.p_world_pelvis for pose in poses], axis=0), axis=1)
+    yaws = yaw_of(np.stack([pose.R_parent_child[0] for pose in poses]))
     assert steps.max() < 0.06  # a pace at 30 Hz, and what is made up for
     assert np.abs(wrap_angle(np.diff(yaws))).max() < np.deg2rad(6)
 
@@ -136,7 +136,9 @@ def test_it_goes_on_from_what_was_found_before_unless_a_start_from_nothing_is_an
 
 def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:
     """Straps and headings are far surer after the calibration was found anew than if nothing were known."""
-    before, after = (next(one for one in anew.answers if one.time > time).wearers[0].calibration for time in (2.8, 3.1))
+    before, after = (
+        next(answer for answer in anew.answers if answer.time > time).wearers[0].calibration for time in (2.8, 3.1)
+    )
     for name in before:
         assert 0 < after[name].heading_sigma < 0.6
         assert np.all(after[name].mounting_sigma < 1.0)

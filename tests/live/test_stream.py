@@ -28,7 +28,7 @@ def expected(recording: vip.Scene) -> list[LiveEstimate]:
 
 
 def check_same(answers: list[LiveEstimate], expected: list[LiveEstimate]) -> None:
-    assert [one.frame for one in answers] == [one.frame for one in expected]
+    assert [answer.frame for answer in answers] == [answer.frame for answer in expected]
     for one, other in zip(answers, expected, strict=True):
         np.testing.assert_allclose(
             one.wearers[0].newest.R_parent_child, other.wearers[0].newest.R_parent_child, atol=1e-9
@@ -38,16 +38,18 @@ def check_same(answers: list[LiveEstimate], expected: list[LiveEstimate]) -> Non
 def test_pushed(recording: vip.Scene, expected: list[LiveEstimate]) -> None:
     stream = vip.Stream(recording, SLOW)
     answers = []
-    for one in vip.live_samples(recording):
-        assert isinstance(one, vip.ImuSample)
-        answers += stream.push(one.time, one.sensor, orientation=one.R_inertial_sensor, acceleration=one.specific_force)
+    for sample in vip.live_samples(recording):
+        assert isinstance(sample, vip.ImuSample)
+        answers += stream.push(
+            sample.time, sample.sensor, orientation=sample.R_inertial_sensor, acceleration=sample.specific_force
+        )
     check_same(answers + stream.finish(), expected)
 
 
 def test_followed_beside_an_event_loop(recording: vip.Scene, expected: list[LiveEstimate]) -> None:
     async def arriving() -> AsyncIterator[LiveItem]:
-        for one in vip.live_samples(recording):
-            yield one
+        for sample in vip.live_samples(recording):
+            yield sample
 
     async def answers() -> list[LiveEstimate]:
         return [answer async for answer in vip.Stream(recording, SLOW).follow(arriving())]
@@ -62,30 +64,32 @@ def test_a_source_that_is_opened(recording: vip.Scene, expected: list[LiveEstima
 def test_raw_samples_track_as_well(recording: vip.Scene, expected: list[LiveEstimate]) -> None:
     stream = vip.Stream(vip.Recording.worn("sip6", initial_pose="n-pose"), SLOW)
     answers = []
-    for one in vip.live_samples(recording):
-        assert isinstance(one, vip.ImuSample)
-        answers += stream.push(one.time, one.sensor, gyroscope=one.angular_rate, acceleration=one.specific_force)
+    for sample in vip.live_samples(recording):
+        assert isinstance(sample, vip.ImuSample)
+        answers += stream.push(
+            sample.time, sample.sensor, gyroscope=sample.angular_rate, acceleration=sample.specific_force
+        )
     answers += stream.finish()
     assert len(answers) == len(expected)
-    assert not [finding for one in answers for finding in one.findings if finding.kind == "samples unusable"]
+    assert not [finding for answer in answers for finding in answer.findings if finding.kind == "samples unusable"]
 
 
 def test_a_loss_is_told_with_the_next_answer(recording: vip.Scene) -> None:
     samples = list(vip.live_samples(recording))
     half = len(samples) // 2
     answers = list(vip.Stream(recording, SLOW).estimates([*samples[:half], LiveLoss("3 were lost"), *samples[half:]]))
-    assert [str(finding) for one in answers for finding in one.findings].count("3 were lost") == 1
+    assert [str(finding) for answer in answers for finding in answer.findings].count("3 were lost") == 1
 
 
 def test_a_filmed_scene_with_its_truth_begins_as_well() -> None:
     scene = vip.simulate("gestures", "sip6", "fixed", seconds=1.2, seed=1, initial_pose="none")
     stream = vip.Stream(scene, SLOW, real_time=False)
     answers = []
-    for one in vip.live_samples(scene):
-        if isinstance(one, vip.VideoFrame):
-            answers += stream.push_poses(one.time, one.pixels, one.confidence)
+    for sample in vip.live_samples(scene):
+        if isinstance(sample, vip.VideoFrame):
+            answers += stream.push_poses(sample.time, sample.pixels, sample.confidence)
         else:
-            answers += stream.take(one)
+            answers += stream.take(sample)
     assert answers
     assert answers[-1].cameras
 

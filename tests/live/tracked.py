@@ -44,7 +44,7 @@ class Tracked:
 
     def error_mm(self, kind: str, after: float = 2.0, wearer: int = 0, before: float = np.inf) -> float:
         """MPJPE of the answers from a time on."""
-        chosen = [one for one in poses(self.answers, kind, wearer) if after <= one.time < before]
+        chosen = [pose for pose in poses(self.answers, kind, wearer) if after <= pose.time < before]
         truth = self.scene.wearers[wearer].truth
         assert truth is not None
         ours, true, _ = common_frames(self._motion_of(chosen, wearer), truth.motion)
@@ -52,7 +52,7 @@ class Tracked:
 
 
 def poses(answers: Iterable[LiveEstimate], kind: str, wearer: int = 0) -> list[LivePose]:
-    found = [getattr(one.wearers[wearer], kind) for one in answers]
+    found = [getattr(answer.wearers[wearer], kind) for answer in answers]
     return [one for one in found if one is not None]
 
 

@@ -55,7 +55,7 @@ def test_the_page_works_in_a_browser(page: Path, with_gl: bool, tmp_path: Path) 
     assert int(told["charts"]) >= 12
     assert ("with-3d" in body[0]) == with_gl
     readouts = re.findall(r'class="readout">([^<]*)', done.stdout)
-    assert any("left" in one and "right" in one for one in readouts)
+    assert any("left" in readout and "right" in readout for readout in readouts)
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on the PATH")

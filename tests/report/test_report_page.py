@@ -34,7 +34,7 @@ def estimate(scene: Scene) -> Estimate:
     """With residuals and covariance."""
     rng = np.random.default_rng(1)
     made = estimate_of(scene, ERRORS)
-    return replace(made, wearers=tuple(_with_residuals(one, rng) for one in made.wearers))
+    return replace(made, wearers=tuple(_with_residuals(wearer, rng) for wearer in made.wearers))
 
 
 def _with_residuals(one: WearerEstimate, rng: np.random.Generator) -> WearerEstimate:
@@ -190,7 +190,7 @@ def test_what_does_not_belong_together_is_refused(estimate: Estimate, scene: Sce
         report_data(replace(estimate, wearers=estimate.wearers[:1]), scene)
     with pytest.raises(InputError, match="no wearer"):
         report_data(replace(estimate, wearers=()))
-    blind = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
+    blind = replace(scene, wearers=tuple(replace(wearer, truth=None) for wearer in scene.wearers))
     with pytest.raises(InputError, match="no truth"):
         report_data(estimate, scene, blind)
     assert report_data(estimate, blind, scene).has_truth

@@ -23,9 +23,9 @@ from vip_factors.viz.charts import Curve, thinned
 def test_angles_without_sensors_are_known_as_such() -> None:
     motion = walk(0.1)
     placement = preset("totalcapture13", motion.skeleton)
-    legs = replace(placement, sites=tuple(one for one in placement.sites if one.bone in (
+    legs = replace(placement, sites=tuple(site for site in placement.sites if site.bone in (
         "pelvis", "left_hip", "right_hip", "left_knee", "right_knee")))  # fmt: skip
-    sensors = tuple(one.sensor for one in legs.sites)
+    sensors = tuple(site.sensor for site in legs.sites)
     estimate = WearerEstimate("legs", "SIP", motion, {}, sensors=sensors)
     bones = bones_with_sensors(estimate, Recording("legs", Subject(), {}, placement))
     told = {name: is_measured(bones, f"{name}_flexion") for name in ("hip", "knee", "ankle", "elbow", "trunk")}

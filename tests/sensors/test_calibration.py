@@ -98,5 +98,5 @@ AXES = {
 
 @pytest.mark.parametrize("name", SITES)
 def test_axes_in_words_are_those_of_the_mounting(name: str) -> None:
-    words = [one.split()[1] for one in site_axes(name).split("; ")[1].split(", ")]
+    words = [word.split()[1] for word in site_axes(name).split("; ")[1].split(", ")]
     np.testing.assert_allclose(sensor_site(name, BODY).R_bone_sensor.T, [AXES[word] for word in words], atol=1e-12)

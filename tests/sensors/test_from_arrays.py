@@ -40,7 +40,7 @@ def test_a_sample_that_is_not_finite_is_a_gap(worn: vip.Recording) -> None:
 def test_raw_samples_get_the_orientation_of_importers(worn: vip.Recording) -> None:
     raw = {"acceleration": by_sensor(worn, "specific_force"), "gyroscope": by_sensor(worn, "angular_rate")}
     made = vip.Recording.from_arrays(by_sensor(worn, "time"), **raw, placement="sip6")
-    assert all(one.R_inertial_sensor is not None for one in made.imus.values())
+    assert all(imu.R_inertial_sensor is not None for imu in made.imus.values())
 
 
 @pytest.mark.parametrize(

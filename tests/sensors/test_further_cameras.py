@@ -22,8 +22,8 @@ def test_all_cameras_are_listed_and_streamed() -> None:
     setup = stream_head(scene)
     assert [camera.name for camera in setup.cameras] == ["phone", "left"]
     assert setup.cameras[1].known_path is scene.camera.truth.path
-    frames = [one for one in live_samples(scene) if isinstance(one, VideoFrame)]
-    assert sorted({one.camera for one in frames}) == ["left", "phone"]
+    frames = [sample for sample in live_samples(scene) if isinstance(sample, VideoFrame)]
+    assert sorted({frame.camera for frame in frames}) == ["left", "phone"]
     assert len(frames) == 2 * len(scene.camera.detections.time)
 
 

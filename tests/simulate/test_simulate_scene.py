@@ -163,7 +163,7 @@ def test_further_cameras_stand_around_and_see_for_themselves(people) -> None:
     assert [camera.name for camera in scene.cameras] == ["camera", "camera_2", "camera_3", "camera_4"]
     np.testing.assert_array_equal(scene.camera.detections.pixels, alone.camera.detections.pixels)
     assert alone.camera.known_path is None
-    middle = np.mean([one.motion.p_world_pelvis.mean(axis=0) for one in people[:2]], axis=0)
+    middle = np.mean([person.motion.p_world_pelvis.mean(axis=0) for person in people[:2]], axis=0)
     truths = [camera.truth for camera in scene.cameras]
     places = np.array([truth.path.p_world_camera[0] for truth in truths]) - middle
     angles = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))

@@ -194,7 +194,7 @@ def _zeros(factor: gtsam.GaussianFactor) -> gtsam.Values:
 def _own(graph: gtsam.GaussianFactorGraph, frames: int) -> list[gtsam.GaussianFactor]:
     """Factors that see so many frames."""
     factors = [graph.at(index) for index in range(graph.size())]
-    return [one for one in factors if len([key for key in list(one.keys()) if int(key) != Z]) == frames]
+    return [factor for factor in factors if len([key for key in list(factor.keys()) if int(key) != Z]) == frames]
 
 
 def test_an_undetermined_frame_and_a_gap_are_said() -> None:

@@ -32,7 +32,7 @@ class People:
         if wearers > 1:
             self.columns.append(Columns(*theirs))
         rng = np.random.default_rng(seed)
-        self.slices = [[self._slice(rng, one, t) for one in self.columns] for t in range(frames)]
+        self.slices = [[self._slice(rng, column, t) for column in self.columns] for t in range(frames)]
 
     def _slice(self, rng: np.random.Generator, one: Columns, t: int) -> tuple[np.ndarray, np.ndarray]:
         """Of one part: a frame alone with what is shared, and over the next two frames if they are there."""
@@ -130,7 +130,7 @@ def test_common_columns_wander_alike_in_all_chains() -> None:
 
 def test_columns_that_no_frame_sees_from_two_before_need_not_be_there() -> None:
     people, far = People(2, 2, 1), np.arange(2, OWN + 2)
-    less = JoinedChains([*(replace(one, far=far) for one in people.columns[:-1]), people.columns[-1]])
+    less = JoinedChains([*(replace(column, far=far) for column in people.columns[:-1]), people.columns[-1]])
     all_there = JoinedChains(people.columns)
     for t, parts in enumerate(people.slices):
         kept = [np.arange(len(v)) for _, v in parts]

@@ -67,7 +67,7 @@ def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest
     (anna, bob), calls = tracked(), list[InertialSolution]()
     monkeypatch.setattr(stage, "calibrate_inertial", calibration_as(anna, calls))
     wearers, associated = stage.first_association(scene(), (bent(anna, 70.0), bob), QUICK, SOLVER)
-    assert any(np.array_equal(one.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for one in calls)
+    assert any(np.array_equal(call.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for call in calls)
     np.testing.assert_array_equal(wearers[0].state.R_parent_child, anna.state.R_parent_child)
     assert stage.visible_share(associated, 0) > 0.75  # Bob hides her at times
     truth = scene().camera.truth

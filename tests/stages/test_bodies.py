@@ -40,7 +40,7 @@ def filmed() -> tuple[Scene, Skeleton]:
     motion = replace(gestures(5.0), skeleton=body)
     performer = Performer("anna", motion, preset("tnt10", body))
     scene = simulate_scene([performer], SceneSettings(camera="fixed"), seed=2)
-    wearers = tuple(replace(one, subject=Subject("anna", STATURE)) for one in scene.wearers)
+    wearers = tuple(replace(wearer, subject=Subject("anna", STATURE)) for wearer in scene.wearers)
     return replace(scene, wearers=wearers), body
 
 
@@ -73,19 +73,19 @@ def what_was_found_is_told_with_its_sigmas(estimate: WearerEstimate, usual: Skel
     seen = [LENGTHS.index(name) for name in CHANGES]
     assert np.all(told.sigma[seen] < 0.9 * told.prior_sigma[seen])
     assert np.all(told.sigma < 1.001 * told.prior_sigma)
-    assert [one.joint for one in told.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
-    assert all(np.all((one.sigma > 0) & (one.sigma < 0.1)) for one in told.hinges)
+    assert [hinge.joint for hinge in told.hinges] == ["left_elbow", "right_elbow", "left_knee", "right_knee"]
+    assert all(np.all((hinge.sigma > 0) & (hinge.sigma < 0.1)) for hinge in told.hinges)
 
 
 def places_on_the_bones_are_told_with_their_sigmas(estimate: Estimate, scene: Scene) -> None:
     places, placement = estimate.wearers[0].sensor_positions, scene.wearers[0].placement
-    assert [one.sensor for one in places] == list(estimate.wearers[0].sensors)
-    assert [one.bone for one in places] == [placement.site(one.sensor).bone for one in places]
+    assert [place.sensor for place in places] == list(estimate.wearers[0].sensors)
+    assert [place.bone for place in places] == [placement.site(place.sensor).bone for place in places]
     moved, sigmas, before = (
-        np.array([getattr(one, name) for one in places]) for name in ("posterior", "sigma", "prior_sigma")
+        np.array([getattr(place, name) for place in places]) for name in ("posterior", "sigma", "prior_sigma")
     )
-    prior = np.array([one.prior for one in places])
-    np.testing.assert_allclose(prior, [placement.site(one.sensor).p_bone_sensor for one in places], atol=0.04)
+    prior = np.array([place.prior for place in places])
+    np.testing.assert_allclose(prior, [placement.site(place.sensor).p_bone_sensor for place in places], atol=0.04)
     assert np.all((sigmas > 0) & (sigmas < 1.001 * before))
     assert 0 < np.abs(moved - prior).max() < 3 * before.max()
     detector = estimate.detector
@@ -115,7 +115,7 @@ def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: We
 
 def test_a_body_that_is_given_stays_as_it_is() -> None:
     scene, body = filmed()
-    wearers = tuple(replace(one, subject=Subject("anna", STATURE, skeleton=body)) for one in scene.wearers)
+    wearers = tuple(replace(wearer, subject=Subject("anna", STATURE, skeleton=body)) for wearer in scene.wearers)
     estimate = smooth(replace(scene, wearers=wearers), HASTY).wearers[0]
     np.testing.assert_array_equal(estimate.motion.skeleton.p_parent_joint, body.p_parent_joint)
     assert estimate.body is not None

@@ -28,8 +28,8 @@ def recording() -> Recording:
 def test_they_hold_the_truth_and_little_more(recording: Recording, in_windows: bool) -> None:
     windows = replace(SMALL.windows, above_s=2.0, window_s=2.0, overlap_s=0.5) if in_windows else SMALL.windows
     estimate = smooth(recording, replace(SMALL, windows=windows)).wearer()
-    headings = np.rad2deg([one.heading_sigma for one in estimate.calibration.values()])
-    mountings = np.rad2deg([one.mounting_sigma for one in estimate.calibration.values()])
+    headings = np.rad2deg([calibration.heading_sigma for calibration in estimate.calibration.values()])
+    mountings = np.rad2deg([calibration.mounting_sigma for calibration in estimate.calibration.values()])
     pelvis = list(estimate.calibration).index("pelvis")
     assert 0 < headings[pelvis] < 0.2  # which is the world's
     assert np.all((np.delete(headings, pelvis) > 4) & (np.delete(headings, pelvis) < 20))
@@ -43,5 +43,5 @@ def test_they_hold_the_truth_and_little_more(recording: Recording, in_windows: b
 def test_what_is_no_variable_has_none(recording: Recording) -> None:
     kept = replace(SMALL.calibration, estimate_mountings=False)
     estimate = smooth(recording, replace(SMALL, calibration=kept)).wearer()
-    assert all(np.isfinite(one.heading_sigma) for one in estimate.calibration.values())
-    assert not any(np.isfinite(one.mounting_sigma).any() for one in estimate.calibration.values())
+    assert all(np.isfinite(calibration.heading_sigma) for calibration in estimate.calibration.values())
+    assert not any(np.isfinite(calibration.mounting_sigma).any() for calibration in estimate.calibration.values())

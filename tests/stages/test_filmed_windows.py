@@ -56,7 +56,7 @@ def test_windows_are_as_the_whole() -> None:
     estimate = replace(chunks, chunks=watched(chunks.chunks)).whole()
     here = smooth(scene, settings)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, here.wearers[0].motion.p_world_pelvis)
-    assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
+    assert [report.stage for report in estimate.reports if report.stage.startswith("video")] == [
         "video-inertial fusion", *(f"video-inertial fusion, window {number}" for number in (1, 2, 3))
     ]  # fmt: skip
     (one,), (other,) = estimate.wearers, whole.wearers
@@ -81,7 +81,7 @@ def test_windows_that_start_from_all_coarse_frames_are_as_the_whole() -> None:
     windows = WindowSettings(window_s=2.6, overlap_s=1.0)
     whole = smooth(scene, replace(HASTY, windows=replace(windows, use=False)))
     estimate = smooth_chunks(SceneInMemory(scene), replace(HASTY, windows=windows), map_fn=sent).whole()
-    rates = [one.stage for one in estimate.reports if one.stage.startswith("full rate, anna")]
+    rates = [report.stage for report in estimate.reports if report.stage.startswith("full rate, anna")]
     assert rates == [f"full rate, anna, window {number}" for number in range(1, len(rates) + 1)]
     assert len(rates) > 1
     errors = [np.median(root_relative(each, scene)) for each in (estimate, whole)]
@@ -102,12 +102,12 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     assert main(["smooth", str(recording), "--out", str(out), *OPTIONS]) == 0
     estimate = read_estimate(out)
     assert f"VIP, anna: {len(estimate.wearers[0].motion)} frames at 5 Hz" in capsys.readouterr().out
-    assert [one.name for one in estimate.wearers] == ["anna", "ben"]
+    assert [wearer.name for wearer in estimate.wearers] == ["anna", "ben"]
     assert estimate.camera is not None
     assert len(estimate.camera.path) == len(estimate.wearers[0].motion) == len(estimate.camera.residual_px)
     assert_nothing_leaps(estimate)
-    for one in estimate.wearers:
-        assert all(np.all(np.diff(own.heading_time) > 0) for own in one.calibration.values())
+    for wearer in estimate.wearers:
+        assert all(np.all(np.diff(own.heading_time) > 0) for own in wearer.calibration.values())
     assert scene.camera.truth is not None
     surely = estimate.camera.wearer_of_detection >= 0
     assert surely.mean() > 0.5
@@ -156,8 +156,8 @@ def root_relative(estimate: Estimate, scene: Scene) -> np.ndarray:
 
 
 def assert_nothing_leaps(estimate: Estimate) -> None:
-    for one in estimate.wearers:
-        motion = one.motion
+    for wearer in estimate.wearers:
+        motion = wearer.motion
         assert np.linalg.norm(np.diff(motion.p_world_pelvis, axis=0), axis=1).max() * motion.rate < 4.0  # m/s
         turned = angle_between(motion.R_parent_child[1:, 0], motion.R_parent_child[:-1, 0])
         assert np.rad2deg(turned.max()) * motion.rate < 500.0  # °/s
@@ -166,7 +166,7 @@ def assert_nothing_leaps(estimate: Estimate) -> None:
 def test_worlds_are_joined_exactly() -> None:
     """Windows of a known scene, each turned and shifted: what is joined is where it was."""
     truth = estimate_of(scene_sample(seconds=2.0))
-    motions, path = [one.motion for one in truth.wearers], truth.camera.path.at(truth.wearers[0].motion.time)
+    motions, path = [wearer.motion for wearer in truth.wearers], truth.camera.path.at(truth.wearers[0].motion.time)
     T = len(motions[0])
     windows = list[SolvedWindow]()
     for number, span in enumerate((slice(0, 60), slice(40, 100), slice(80, T))):
@@ -184,7 +184,7 @@ def test_worlds_are_joined_exactly() -> None:
         assert [one.start for one in found] == pytest.approx([motion.start + one / motion.rate for one in first])
     cameras = [chunk.camera for chunk in chunks]
     np.testing.assert_allclose(
-        np.concatenate([one.path.p_world_camera for one in cameras if one]), path.p_world_camera, atol=1e-9
+        np.concatenate([camera.path.p_world_camera for camera in cameras if camera]), path.p_world_camera, atol=1e-9
     )
     for camera, labels in enumerate((np.arange(T) % 3 - 1, (np.arange(T) % 3 - 1)[::2])):
         joined = np.concatenate([chunk.cameras[camera].wearer_of_detection for chunk in chunks])
@@ -195,14 +195,14 @@ def test_worlds_are_joined_exactly() -> None:
 
 def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift: np.ndarray) -> SolvedWindow:
     turn, wearers, T = rotation_z(yaw), [], span.stop - span.start
-    for one in truth.wearers:
-        motion = one.motion.frames(span)
+    for wearer in truth.wearers:
+        motion = wearer.motion.frames(span)
         R = motion.R_parent_child.copy()
         R[:, 0] = turn @ R[:, 0]
         motion = replace(motion, R_parent_child=R, p_world_pelvis=motion.p_world_pelvis @ turn.T + shift)
         covariance = PoseCovariance(np.ones((T, 24, 3, 3)), np.arange(T)[:, None, None] * np.eye(3))
-        residuals = {kind: values[span] for kind, values in one.residuals.items()}
-        wearers.append(replace(one, motion=motion, covariance=covariance, residuals=residuals))
+        residuals = {kind: values[span] for kind, values in wearer.residuals.items()}
+        wearers.append(replace(wearer, motion=motion, covariance=covariance, residuals=residuals))
     own = CameraPath(path.time[span], turn @ path.R_world_camera[span], path.p_world_camera[span] @ turn.T + shift)
     labels = np.arange(span.start, span.stop) % 3 - 1
     camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)), wearer_of_detection=labels)

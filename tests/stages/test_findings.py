@@ -29,7 +29,7 @@ def good(camera: CameraKind = "fixed", azimuth_deg: float = 20.0) -> Scene:
 
 def sentence(estimate: Estimate, *words: str) -> str:
     """The one finding that holds all of some words."""
-    found = [one for one in sentences(estimate.findings) if all(word in one for word in words)]
+    found = [sentence for sentence in sentences(estimate.findings) if all(word in sentence for word in words)]
     assert len(found) == 1, estimate.findings
     return found[0]
 

@@ -77,13 +77,13 @@ def test_a_declared_floor_is_where_zero_is() -> None:
     board_lay_on_a_table = smooth(filmed_from_a_known_pose(-0.74), replace(HASTY, floor=-0.74))
     for one, other in zip(plain.wearers, board_lay_on_a_table.wearers, strict=True):
         np.testing.assert_allclose(one.motion.p_world_pelvis, other.motion.p_world_pelvis, atol=1e-6)
-    assert "floor" not in [one.kind for one in plain.findings]
+    assert "floor" not in [finding.kind for finding in plain.findings]
 
 
 def test_soles_that_stand_beside_the_declared_floor_are_told() -> None:
     metres = -0.1
     estimate = smooth(filmed_from_a_known_pose(metres), FROM_STRAPS)
-    (height,) = (one.numbers["height_cm"] for one in estimate.findings if one.kind == "floor")
+    (height,) = (finding.numbers["height_cm"] for finding in estimate.findings if finding.kind == "floor")
     assert 0.4 < height / (100 * metres) < 1.1  # bodies and weak contacts give way a little
 
 
@@ -99,7 +99,7 @@ def soles_at(heights: Array, seed: int = 0) -> Array:
 
 
 def told(floor: Floor, is_declared: bool = False) -> list[str]:
-    return [number for one in floor.findings(is_declared) for number in one.numbers]
+    return [number for finding in floor.findings(is_declared) for number in finding.numbers]
 
 
 def test_level_floors_are_not_remarked_on_and_slopes_are() -> None:
@@ -161,7 +161,9 @@ def tilted(state: SceneState, degrees: float, axis: Array) -> SceneState:
     """The state with roots and camera turned about an axis through the camera."""
     turn, poses = exp(np.deg2rad(degrees) * axis), state.cameras[0].poses
     about = poses.p_world_camera[0]
-    wearers = tuple(replace(one, p_world_pelvis=about + (one.p_world_pelvis - about) @ turn.T) for one in state.wearers)
+    wearers = tuple(
+        replace(wearer, p_world_pelvis=about + (wearer.p_world_pelvis - about) @ turn.T) for wearer in state.wearers
+    )
     poses = replace(poses, R_world_camera=turn @ poses.R_world_camera)
     return replace(state, wearers=wearers, cameras=(replace(state.cameras[0], poses=poses),))
 
@@ -194,10 +196,10 @@ def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pyt
 
     monkeypatch.setattr(scene_solution, "fuse_in_rounds", found_tilted)
     estimate = smooth(scene, HASTY)
-    assert "level floor" in [one.stage for one in estimate.reports]
+    assert "level floor" in [report.stage for report in estimate.reports]
     assert scene.camera.truth is not None
     assert estimate.camera is not None
     cameras = scene.camera.truth.path, found[0].cameras[0].poses, estimate.camera.path
-    true, before, after = (one.R_world_camera[0, 2] for one in cameras)  # where up is in the camera
+    true, before, after = (camera.R_world_camera[0, 2] for camera in cameras)  # where up is in the camera
     assert np.rad2deg(np.arccos(true @ before)) > 1.5
     assert np.rad2deg(np.arccos(true @ after)) < 0.8

@@ -94,9 +94,11 @@ def test_one_sensor_that_begins_anew_is_told_from_the_others(walk: Recording) ->
 def test_headings_after_a_pause_are_found_anew(walk: Recording) -> None:
     true = dict(zip(walk.placed, JUMPS, strict=False))
     whole = smooth(paused(walk, true), replace(SETTINGS, calibration_rate=7.5))
-    assert {"pauses", "headings after pauses"} <= {one.kind for one in whole.findings}
+    assert {"pauses", "headings after pauses"} <= {finding.kind for finding in whole.findings}
     estimate = whole.wearer()
-    before, after = np.array([one.heading_at(np.array([5.0, 16.0])) for one in estimate.calibration.values()]).T
+    before, after = np.array(
+        [calibration.heading_at(np.array([5.0, 16.0])) for calibration in estimate.calibration.values()]
+    ).T
     off = after - before - [true[name] for name in estimate.calibration]
     off = wrap_angle(off - np.angle(np.exp(1j * off).sum()))
     assert np.rad2deg(np.abs(off)).max() < 12.0

@@ -56,7 +56,7 @@ def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
     recording = mistaken("left_thigh", "right_thigh")
     settings = Settings(frame_rate=15.0, acceleration=False, covariance=False)
     told = smooth(recording, settings)
-    assert [one.kind for one in told.findings].count("sensors exchanged") == 1
+    assert [finding.kind for finding in told.findings].count("sensors exchanged") == 1
     assert "--assign " in str(told.findings[0])
     right, truth = (smooth(one, replace(settings, assign=True)).wearer().motion for one in (recording, legs()))
     np.testing.assert_allclose(right.R_parent_child, truth.R_parent_child, atol=1e-9)
@@ -123,6 +123,6 @@ def test_two_sensors_on_one_bone_are_told() -> None:
     twin = replace(thigh, name="left_shank", R_inertial_sensor=rotation_z(1.0) @ thigh.R_inertial_sensor @ turned)
     recording = replace(legs(), imus={**legs().imus, "left_shank": twin})
     _, findings, _ = with_sensors_assigned(SceneInMemory(Scene("legs", (recording,))), Settings())
-    (found,) = (one for one in findings if one.kind == "two on one bone")
+    (found,) = (finding for finding in findings if finding.kind == "two on one bone")
     assert found.subject == "left_shank"
     assert found.numbers["spread"] < 1

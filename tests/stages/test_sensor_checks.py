@@ -66,7 +66,7 @@ def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is(
     blow = sound.specific_force.copy()
     blow[300] = 461.0
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=blow)), Settings())
-    assert [(one.kind, one.subject, one.numbers["spikes"]) for one in findings] == [
+    assert [(finding.kind, finding.subject, finding.numbers["spikes"]) for finding in findings] == [
         ("accelerometer corrected", "left_foot", 1.0)
     ]
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=None)), Settings())
@@ -80,7 +80,7 @@ def test_a_reversed_axis_is_told_and_put_right() -> None:
     axis = int(np.argmax(np.abs(force.mean(axis=0))))
     flipped = replace(sound, specific_force=force * np.where(np.arange(3) == axis, -1.0, 1.0))
     recording, findings = checked(with_stream("left_foot", flipped), Settings())
-    assert [one.kind for one in findings] == ["accelerometer axis"]
+    assert [finding.kind for finding in findings] == ["accelerometer axis"]
     assert f"the {'xyz'[axis]} axis of the accelerometer of 'left_foot'" in str(findings[0])
     np.testing.assert_array_equal(recording.imus["left_foot"].specific_force, force)
 
@@ -121,7 +121,7 @@ def test_a_sensor_that_hangs_is_told() -> None:
     rows = np.minimum(np.arange(len(stream)), len(stream) // 2)
     values = {name: own[rows] for name, own in vars(stream).items() if isinstance(own, np.ndarray)}
     _, findings = checked(with_stream("left_shank", replace(stream, **(values | {"time": stream.time}))), Settings())
-    (found,) = (one for one in findings if one.kind == "sensor stuck")
+    (found,) = (finding for finding in findings if finding.kind == "sensor stuck")
     assert found.subject == "left_shank"
     assert found.numbers["seconds"] == pytest.approx(stream.time[-1] - stream.time[len(stream) // 2])
 
@@ -193,8 +193,10 @@ def test_long_recordings_are_put_right_by_time() -> None:
     corrections, findings = check_sensors(Stretches.of(source, plan), source, plan, settings)
     right = CorrectedSamples(source, corrections)
     whole, told = checked(recording, settings)
-    assert [(one.kind, one.subject) for one in findings] == [(one.kind, one.subject) for one in told]
-    assert [set(one.numbers) for one in findings] == [{"clipped", "gravity", "percent"}, {"off_ms", "sigma_ms"}]
+    assert [(finding.kind, finding.subject) for finding in findings] == [
+        (finding.kind, finding.subject) for finding in told
+    ]
+    assert [set(finding.numbers) for finding in findings] == [{"clipped", "gravity", "percent"}, {"off_ms", "sigma_ms"}]
     found, expected = right.between(3.0, 5.0), RecordingInMemory(whole).between(3.0, 5.0)
     assert found.keys() == expected.keys()
     for name, stream in found.items():
@@ -219,7 +221,7 @@ def test_a_sensor_that_lost_samples_and_moved_up_what_came_after_is_told() -> No
     recording, findings = checked(
         with_stream(name, one_stream([sound.cut(-np.inf, float(sound.time[middle - 1])), early])), Settings()
     )
-    assert [(one.kind, one.subject) for one in findings] == [("clock jumped", f"sensor '{name}'")]
+    assert [(finding.kind, finding.subject) for finding in findings] == [("clock jumped", f"sensor '{name}'")]
     assert recording.imus[name].time[-1] == early.time[-1]
 
 

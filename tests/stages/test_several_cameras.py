@@ -77,7 +77,7 @@ def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
     estimate = smooth(blind, FROM_STRAPS)
     assert [camera.name for camera in estimate.cameras] == ["camera_2"]
     assert list(evaluate_scene(estimate, blind).cameras) == ["camera_2"]
-    assert any("'camera' is left out" in one for one in sentences(estimate.findings))
+    assert any("'camera' is left out" in sentence for sentence in sentences(estimate.findings))
     assert global_mm(scene, estimate) < 80
 
 
@@ -88,7 +88,7 @@ def test_known_cameras_that_show_nobody_do_no_harm() -> None:
     estimate = smooth(blind, FROM_STRAPS)
     plain = smooth(replace(scene, cameras=scene.cameras[:1]), FROM_STRAPS)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, plain.wearers[0].motion.p_world_pelvis)
-    assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
+    assert any("'camera_2' is left out" in sentence for sentence in sentences(estimate.findings))
 
 
 @cache
@@ -112,7 +112,7 @@ def solved(camera: str) -> Estimate:
 def test_cameras_that_nobody_calibrated_are_found_together(camera: str) -> None:
     scene = filmed(camera, cameras=2, known_pose=False)
     estimate = solved(camera)
-    assert [one.name for one in estimate.cameras] == [one.name for one in scene.cameras]
+    assert [camera.name for camera in estimate.cameras] == [camera.name for camera in scene.cameras]
     first, second = estimate.cameras
     apart = second.path.p_world_camera[0] - first.path.at(second.path.time).p_world_camera[0]
     truths = [camera.truth.path for camera in scene.cameras]
@@ -131,15 +131,15 @@ def test_cameras_that_have_no_wearer_in_common_are_not_put_into_one_world() -> N
     scene = nobody_calibrated()
     blind = replace(scene, cameras=(camera_of(scene), *map(seeing_nobody, scene.cameras[1:])))
     estimate = smooth(blind, FROM_STRAPS)
-    assert [one.name for one in estimate.cameras] == ["camera"]
-    assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
+    assert [camera.name for camera in estimate.cameras] == ["camera"]
+    assert any("'camera_2' is left out" in sentence for sentence in sentences(estimate.findings))
 
 
 def test_estimates_of_several_cameras_are_read_as_they_were_written(tmp_path: Path) -> None:
     estimate = solved("hand-held")
     write_estimate(estimate, tmp_path / "e.mcap")
     read = read_estimate(tmp_path / "e.mcap")
-    assert [one.name for one in read.cameras] == [one.name for one in estimate.cameras]
+    assert [camera.name for camera in read.cameras] == [camera.name for camera in estimate.cameras]
     for one, other in zip(read.cameras, estimate.cameras, strict=True):
         np.testing.assert_allclose(one.path.p_world_camera, other.path.p_world_camera, atol=1e-12)
         np.testing.assert_array_equal(one.residual_px, other.residual_px)
@@ -152,7 +152,7 @@ def test_windows_have_all_cameras() -> None:
     windows = replace(FROM_STRAPS.windows, window_s=1.6, overlap_s=0.6, above_s=3.0, calibration_stretches=1,
                       calibration_stretch_s=2.4)  # fmt: skip
     whole, parts = solved("hand-held"), smooth(scene, replace(FROM_STRAPS, windows=windows))
-    assert [len(one.path) for one in parts.cameras] == [len(one.path) for one in whole.cameras]
+    assert [len(camera.path) for camera in parts.cameras] == [len(camera.path) for camera in whole.cameras]
     for one, other in zip(parts.cameras, whole.cameras, strict=True):
         assert one.model.focal[0] == pytest.approx(other.model.focal[0], rel=0.08)
         assert np.mean(one.wearer_of_detection == other.wearer_of_detection) > 0.9
@@ -168,8 +168,8 @@ def test_a_camera_that_was_moved_does_not_take_the_others_along() -> None:
         smooth(replace(scene, cameras=(first, moved)), FROM_STRAPS),
         smooth(replace(scene, cameras=(first,)), FROM_STRAPS),
     )
-    assert [one.name for one in estimate.cameras] == ["camera"]
-    assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
+    assert [camera.name for camera in estimate.cameras] == ["camera"]
+    assert any("'camera_2' is left out" in sentence for sentence in sentences(estimate.findings))
     np.testing.assert_allclose(
         estimate.wearers[0].motion.R_parent_child, alone.wearers[0].motion.R_parent_child, atol=0.05
     )

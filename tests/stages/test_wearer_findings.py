@@ -43,7 +43,7 @@ def of_stature(scene: Scene, stature_m: float) -> Scene:
 @pytest.mark.parametrize(("stature_m", "told"), [(1.60, "larger than one of 1.60 m"), (1.75, None)])
 def test_a_wrong_stature(stature_m: float, told: str | None) -> None:
     findings = sentences(smooth(of_stature(before_two_known_cameras(), stature_m), QUICK).findings)
-    of_bodies = [one for one in findings if "stature and video disagree" in one]
+    of_bodies = [finding for finding in findings if "stature and video disagree" in finding]
     assert bool(of_bodies) == (told is not None), findings
     assert told is None or told in of_bodies[0]
 
@@ -71,7 +71,7 @@ def test_few_keypoints_are_enough_for_the_whole_pipeline() -> None:
     refused = smooth(few(("shoulder", "hip")), HASTY)
     assert refused.method == "SIP"
     assert "add knee and ankle" in str(refused.findings[0])
-    assert not any("clock" in one for one in sentences(refused.findings))
+    assert not any("clock" in sentence for sentence in sentences(refused.findings))
 
 
 def worn(motion: Motion, turned: int = 0, pose: str = "none") -> tuple[Recording, Calibration]:
@@ -85,7 +85,7 @@ def worn(motion: Motion, turned: int = 0, pose: str = "none") -> tuple[Recording
 
 def told(motion: Motion, turned: int = 0, pose: str = "none", since_start: int = 0) -> list[str]:
     recording, calibration = worn(motion, turned, pose)
-    start = np.stack([one.R_bone_sensor for one in calibration.values()])
+    start = np.stack([calibration.R_bone_sensor for calibration in calibration.values()])
     start[:since_start] = exp([1.5, 0, 0]) @ start[:since_start]
     return list(sentences(posture_findings("anna", recording, motion, calibration, start)))
 

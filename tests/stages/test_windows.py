@@ -99,9 +99,9 @@ def test_windows_that_start_from_all_coarse_frames_agree_with_all_frames_at_once
         smooth(recording, replace(settings, windows=one)).wearer()
         for one in (WindowSettings(window_s=7.0, overlap_s=3.0), WindowSettings(use=False))
     )
-    stages = [one.stage for one in found.reports]
+    stages = [report.stage for report in found.reports]
     assert stages[-3:] == [f"sparse inertial poser, window {number}" for number in (1, 2, 3)]
-    assert stages[:-3] == [one.stage for one in whole.reports][:-1]
+    assert stages[:-3] == [report.stage for report in whole.reports][:-1]
     assert len(found.motion) == len(whole.motion)
     assert np.rad2deg(angle_between(found.motion.R_parent_child, whole.motion.R_parent_child)).max() < 0.1
     assert np.abs(found.motion.p_world_pelvis - whole.motion.p_world_pelvis).max() < 0.005
@@ -184,12 +184,12 @@ def test_the_plan_covers_every_frame() -> None:
         windows = plan.windows()
         assert windows[0].start == 0
         assert windows[-1].stop == plan.frames == int(seconds * 60 + 1e-6) + 1
-        assert all(one.start % 4 == 0 for one in windows)
+        assert all(window.start % 4 == 0 for window in windows)
         assert all(one.stop - after.start >= 6 * 60 for one, after in itertools.pairwise(windows))
-        assert max(one.stop - one.start for one in windows) <= 40 * 60 + 4
+        assert max(window.stop - window.start for window in windows) <= 40 * 60 + 4
         assert plan.time(windows[-1])[-1] <= 2.5 + seconds + 1e-9
         stretches = plan.calibration_stretches()
-        assert sum(one.stop - one.start for one in stretches) <= 8 * 25 * 15
+        assert sum(stretch.stop - stretch.start for stretch in stretches) <= 8 * 25 * 15
         assert stretches[-1].stop == -(-plan.frames // 4)
 
 
@@ -255,7 +255,9 @@ def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
     assert estimate.covariance is not None
     assert np.all(np.isfinite(estimate.covariance.root))
     assert estimate.covariance.root[-1, 0, 0] > estimate.covariance.root[8, 0, 0] + 1.0  # m²
-    assert all(len(one.heading_time) == 2 for one in estimate.calibration.values())  # one for each stretch
+    assert all(
+        len(calibration.heading_time) == 2 for calibration in estimate.calibration.values()
+    )  # one for each stretch
 
 
 def _without(stream: ImuStream, start: float, end: float) -> ImuStream:

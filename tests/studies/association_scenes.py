@@ -97,9 +97,9 @@ def _draw_scene(clips: Sequence[Motion], seed: int, making: SceneMaking, random:
 def labelled(scene: Scene, seed: int, second_pass: bool, making: SceneMaking | None = None) -> LabelledScene:
     """What the association would be given of a simulated scene: an inertial tracker's motions, or fused ones."""
     making, random = making or SceneMaking(), np.random.default_rng([seed, second_pass, 0x7AC])
-    if scene.camera is None or scene.camera.truth is None or any(one.truth is None for one in scene.wearers):
+    if scene.camera is None or scene.camera.truth is None or any(wearer.truth is None for wearer in scene.wearers):
         raise InputError(f"scene '{scene.name}' lacks a camera or its truth: expected a simulated one")
-    true = [one.truth.motion for one in scene.wearers if one.truth is not None]
+    true = [wearer.truth.motion for wearer in scene.wearers if wearer.truth is not None]
     detections, owner = scene.camera.detections.timed(scene.camera.truth.clock), scene.camera.truth.wearer
     left = _after_exits(scene, detections, true, random, making)
     detections, owner = detections.select(left), owner[left]

@@ -54,7 +54,7 @@ class CatalogueRow:
     @property
     def is_told(self) -> bool:
         """Whether the cause is among the first two findings."""
-        return any(self._tells(*one) for one in self.findings[:FIRST])
+        return any(self._tells(*finding) for finding in self.findings[:FIRST])
 
     @property
     def is_costly(self) -> bool:
@@ -115,14 +115,14 @@ class Catalogue(Study):
                 yield row
 
     def _real(self, data: Path) -> Iterator[Scene]:
-        for one in real_recordings(data):
-            if self.named and not any(name in one.name for name in self.named):
+        for recording in real_recordings(data):
+            if self.named and not any(name in recording.name for name in self.named):
                 continue
             if self.camera is None:
-                yield Scene(one.name, (converted(one, data),))
-            elif one.markers is not None:
-                seed = zlib.crc32(one.name.encode())
-                yield filmed(converted(one, data), one.markers(data), self.camera, seed)
+                yield Scene(recording.name, (converted(recording, data),))
+            elif recording.markers is not None:
+                seed = zlib.crc32(recording.name.encode())
+                yield filmed(converted(recording, data), recording.markers(data), self.camera, seed)
 
     def _of(self, scene: Scene, other: Scene, known: Mapping[tuple[str, str], Any]) -> Iterator[CatalogueRow]:
         """All rows of a scene; ``other`` is one to take a video from."""
@@ -130,7 +130,7 @@ class Catalogue(Study):
         sound: Estimate | None = None
         for fault in (None, *FAULTS):
             title = SOUND if fault is None else fault.name
-            if fault is not None and self.faults and not any(one in title for one in self.faults):
+            if fault is not None and self.faults and not any(fault in title for fault in self.faults):
                 continue
             if (name, title) in known:
                 yield CatalogueRow(**known[name, title])
@@ -150,9 +150,11 @@ class Catalogue(Study):
             estimate = smooth(scene, Settings(frame_rate=self.frame_rate))
         except VipFactorsError as error:
             return CatalogueRow(name, fault, NAN, NAN, [(REFUSED, Severity.DOUBT, str(error))], names), None
-        findings = dict.fromkeys((*estimate.findings, *(one for each in estimate.wearers for one in each.findings)))
+        findings = dict.fromkeys(
+            (*estimate.findings, *(finding for each in estimate.wearers for finding in each.findings))
+        )
         cost = (NAN, NAN) if sound is None else _cost(estimate.wearers[0].motion, sound.wearers[0].motion, scene)
-        told = [(one.kind, str(one.severity), str(one)) for one in sorted(findings, key=_weight)]
+        told = [(finding.kind, str(finding.severity), str(finding)) for finding in sorted(findings, key=_weight)]
         return CatalogueRow(name, fault, *cost, told, names, clock.process_time() - begin), estimate
 
     def tables(self, rows: Sequence[CatalogueRow]) -> Iterator[str]:

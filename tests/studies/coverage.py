@@ -149,13 +149,13 @@ def told_beside(found: Estimate, scene: Scene) -> Iterator[Told]:
     turned = own.calibration[surest].heading - truth.calibration[surest].heading
     error = calibration_error(own.calibration, truth.calibration, turned)
     names = [one for one in error.heading if one != surest]
-    headings = [(error.heading[one], own.calibration[one].heading_sigma) for one in names]
+    headings = [(error.heading[name], own.calibration[name].heading_sigma) for name in names]
     yield "headings", *np.rad2deg(headings).T
     mountings = [(error.mounting[one], own.calibration[one].mounting_sigma) for one in error.mounting]
     yield "mountings", *np.rad2deg(mountings).swapaxes(0, 1)
     if own.body is not None and own.body.names:
         lengths = {one: metres for one, metres in true_lengths(true.skeleton).items() if one not in UNSURE}
-        places = [own.body.names.index(one) for one in lengths]
+        places = [own.body.names.index(length) for length in lengths]
         yield "lengths, m", np.array(list(lengths.values())) - own.body.posterior[places], own.body.sigma[places]
 
 
@@ -172,16 +172,16 @@ def told_of_walk(found: Estimate, reference: GaitMotion) -> Iterator[Told]:
     time = reference.time[both]
     for name in ("hip", "knee"):
         joints = [f"{side}_{name}" for side in SIDES]
-        columns = [angles.names.index(f"{one}_flexion") for one in joints]
-        off = [reference.flexion[one][both] - np.interp(time, ours.time, ours.flexion[one]) for one in joints]
+        columns = [angles.names.index(f"{joint}_flexion") for joint in joints]
+        off = [reference.flexion[joint][both] - np.interp(time, ours.time, ours.flexion[joint]) for joint in joints]
         sigma = [np.interp(time, ours.time, sigmas[:, column]) for column in columns]
         yield from _whole_and_shape(f"{name} flexion", np.transpose(off), np.transpose(sigma))
     names = [f"{side}_{joint}" for joint in ("hip", *JOINTS) for side in SIDES]
-    true = np.stack([reference.p_world_joint[one][both] for one in names], axis=1)
-    found_at = np.stack([[np.interp(time, ours.time, axis) for axis in ours.p_world_joint[one].T] for one in names])
+    true = np.stack([reference.p_world_joint[name][both] for name in names], axis=1)
+    found_at = np.stack([[np.interp(time, ours.time, axis) for axis in ours.p_world_joint[name].T] for name in names])
     centres = [one - one[:, :2].mean(axis=1, keepdims=True) for one in (found_at.transpose(2, 0, 1), true)]
     seen = np.isfinite(centres[1]).all(axis=(1, 2))
-    turn = align_yaw(*(one[seen].reshape(-1, 3) for one in centres)).R_target_source
+    turn = align_yaw(*(centre[seen].reshape(-1, 3) for centre in centres)).R_target_source
     away = centres[1][seen] - centres[0][seen] @ turn.T
     for number, name in enumerate(JOINTS, start=1):
         sigma = _positions(found)[joint_index(f"left_{name}")]
@@ -190,7 +190,7 @@ def told_of_walk(found: Estimate, reference: GaitMotion) -> Iterator[Told]:
 
 def _positions(found: Estimate) -> Array:
     errors = UNFILMED if found.camera is None else FILMED
-    return errors.positions({one.bone for one in found.wearers[0].calibration.values()})
+    return errors.positions({calibration.bone for calibration in found.wearers[0].calibration.values()})
 
 
 def _whole_and_shape(name: str, error: Array, sigma: Array) -> Iterator[Told]:

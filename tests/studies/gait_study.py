@@ -64,8 +64,8 @@ class GaitStudy(Study):
 
     def walks(self, tell: Tell) -> Iterator[tuple[RealRecording, TrueGait, Recording, WearerEstimate]]:
         """Those with a reference, and their estimates."""
-        known = [(one, truth) for one in real_recordings(self.data) if self.named in one.name
-                 and (truth := _truth(one, self.data)) is not None]  # fmt: skip
+        known = [(recording, truth) for recording in real_recordings(self.data) if self.named in recording.name
+                 and (truth := _truth(recording, self.data)) is not None]  # fmt: skip
         if not known:
             raise InputError(f"{self.data}: no walk '{self.named}' with a reference of foot strikes in it")
         for done, (one, truth) in enumerate(known):
@@ -145,7 +145,7 @@ class TrainGaitEvents(GaitStudy):
         """The share that is best for the worst of the others' medians, and what it does to the one left out."""
         lines = []
         for kind in ("strike", "off"):
-            sets = group([one for one in rows if one.kind == kind], lambda one: one.data)
+            sets = group([row for row in rows if row.kind == kind], lambda row: row.data)
             at = {share: {name: _joined(own, share) for name, own in sets.items()} for share in SHARES}
             for out in (None, *sets) if len(sets) > 1 else ():
                 share = min(SHARES, key=lambda s: max(abs(np.median(at[s][name])) for name in sets if name != out))
@@ -162,7 +162,7 @@ SHARES = tuple(np.arange(0, 1.01, 0.05).round(2).tolist())
 
 
 def _joined(rows: Sequence[EventEnds], share: float) -> Array:
-    return np.concatenate([one.errors_ms(share) for one in rows])
+    return np.concatenate([row.errors_ms(share) for row in rows])
 
 
 def _words(errors: Array, scale: float) -> str:
@@ -211,7 +211,7 @@ def _trial(name: str, by: str, gait: Gait, truth: TrueGait, late: dict[str, floa
                 missed += abs(error) > MISSED_S
                 errors[kind] += [error] if abs(error) <= MISSED_S else []
         rests = dict(zip(found.strike.tolist(), found.rest.tolist(), strict=True))
-        for stride in (one for one in gait.counted if one.side == side):
+        for stride in (stride for stride in gait.counted if stride.side == side):
             start, end = stride.start - shift, stride.end - shift
             if start < true.strike[0] - EDGE_S or end > true.strike[-1] + EDGE_S:
                 continue
@@ -228,5 +228,5 @@ def _trial(name: str, by: str, gait: Gait, truth: TrueGait, late: dict[str, floa
 
 
 def _seen(gait: Gait) -> tuple[float, float]:
-    times = np.concatenate([np.concatenate([one.off, one.strike]) for one in gait.feet.values()])
+    times = np.concatenate([np.concatenate([foot.off, foot.strike]) for foot in gait.feet.values()])
     return (float(times.min()) - 2 * EDGE_S, float(times.max()) + 2 * EDGE_S) if len(times) else (0.0, 0.0)

@@ -128,14 +128,18 @@ def feed(window: RecordedWindow, first: int) -> Iterator[Arrival]:
     state = stacked(window.states, window.shared)
     problem = window.problem.model(window.frames, beginning=True)
     whole, moving = factor_graph_of(problem, state), problem.cameras[0].moving
-    of_frames = [one for one in whole.variables if one.is_of_a_frame or (one.is_of_the_camera_path and moving)]
-    static = [one for one in whole.variables if one not in set(of_frames)]
+    of_frames = [
+        variable
+        for variable in whole.variables
+        if variable.is_of_a_frame or (variable.is_of_the_camera_path and moving)
+    ]
+    static = [variable for variable in whole.variables if variable not in set(of_frames)]
     for begin, newest in [(0, first), *((t, t) for t in range(first + 1, problem.frames))]:
         graph = gtsam.NonlinearFactorGraph()
         for factor in whole.factors:
             if begin <= factor.frames[-1] <= newest:
                 graph.push_back(factor.factor)
-        fresh = [one for one in of_frames if begin <= one.frame <= newest]
+        fresh = [frame for frame in of_frames if begin <= frame.frame <= newest]
         values = values_of(state, [*fresh, *(static if begin == 0 else ())])
         frames = {one.key: one.frame for one in fresh}
         yield Arrival(newest, graph, values, frames, tuple(one.key for one in static))

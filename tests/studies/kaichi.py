@@ -136,9 +136,9 @@ class Kaichi(ClipStudy):
 
     def tables(self, rows: Sequence[KaichiTrial]) -> Iterator[str]:
         """Errors per clip with all IMUs, then errors with fewer IMUs."""
-        most = max(one.imus for one in rows)
-        jumps = {one.clip for one in rows if one.off_ground >= JUMPING}
-        clips = list(dict.fromkeys(one.clip for one in rows))
+        most = max(row.imus for row in rows)
+        jumps = {row.clip for row in rows if row.off_ground >= JUMPING}
+        clips = list(dict.fromkeys(row.clip for row in rows))
         yield (
             f"Global error in cm over 16 joints, nothing aligned (IMU only: the first frame's root and yaw), of {most} "
             f"IMUs and a standing camera of known pose; {self.seconds:g} s after a T-pose. The mean leaves jumps out; "
@@ -154,7 +154,7 @@ class Kaichi(ClipStudy):
             lines.append([form, way, *cells, average, f"{PUBLISHED_CM[form]:g}" if way is Way.THEIRS else None])
         yield table(["estimator", "", *names, "mean", "published"], lines)
         yield "By the number of IMUs: cm / degrees"
-        counts = list(dict.fromkeys(one.imus for one in rows))
+        counts = list(dict.fromkeys(row.imus for row in rows))
         lines = []
         for key, every in estimators.items():
             several = [[one for one in every if one.imus == count and one.clip not in jumps] for count in counts]
@@ -263,9 +263,9 @@ def _ours(scene: Scene, form: Form, settings: LiveSettings) -> Estimates:
 def _estimated(blanks: list[KaichiTrial], scene: Scene, solve: Callable[[], Estimates]) -> list[KaichiTrial]:
     try:
         motions, findings = solve()
-        return [replace(measured(one, motions[one.way], scene), findings=findings) for one in blanks]
+        return [replace(measured(blank, motions[blank.way], scene), findings=findings) for blank in blanks]
     except (InputError, RecordingError, SolveError) as error:  # their cost diverges at times, and says so
-        return [replace(one, failure=f"{type(error).__name__}: {error}") for one in blanks]
+        return [replace(blank, failure=f"{type(error).__name__}: {error}") for blank in blanks]
 
 
 def measured(trial: KaichiTrial, motion: Motion, scene: Scene) -> KaichiTrial:

@@ -40,7 +40,7 @@ class LiveRun:
 
 def live_settings(settings: CommonSettings, **changes: object) -> LiveSettings:
     """Settings of the pipeline as those of a stream; ``changes`` are of what only a stream has."""
-    own = {one.name: getattr(settings, one.name) for one in fields(CommonSettings)}
+    own = {field_.name: getattr(settings, field_.name) for field_ in fields(CommonSettings)}
     live = settings if isinstance(settings, LiveSettings) else LiveSettings(**own)
     return replace(with_nominal_pose(live), **changes)  # type: ignore[arg-type]
 
@@ -67,9 +67,9 @@ def run_live(scene: Scene, settings: LiveSettings) -> LiveRun:
     smoothed = smoothed_motion(answers, 0, scene, settings.frame_rate)
     if smoothed is None:
         raise RecordingError(f"scene '{scene.name}': the tracker gave no answer: is it shorter than its start?")
-    poses = [one.wearers[0].newest for one in answers]
+    poses = [answer.wearers[0].newest for answer in answers]
     newest = filled_motion(poses, smoothed.skeleton, settings.frame_rate, smoothed.name)
-    findings = tuple(f"{one.time:.1f} s: {finding}" for one in answers for finding in one.findings)
+    findings = tuple(f"{answer.time:.1f} s: {finding}" for answer in answers for finding in answer.findings)
     return LiveRun(newest, smoothed, len(newest) - len(poses), clock.process_time() - begin, findings)
 
 
@@ -86,7 +86,7 @@ def error_over_time(poses: Sequence[LivePose], body: Skeleton, truth: Motion, ra
     frames = int(np.floor((len(truth) - 1) / truth.rate * rate + 1e-6)) + 1
     error: Array = np.full(frames, np.nan)
     # Halfway between two frames it is always the later one, so that each pose has a frame of its own.
-    nearest = np.floor(np.array([one.time for one in poses]) * rate + 0.5 + 1e-6).astype(int)
+    nearest = np.floor(np.array([pose.time for pose in poses]) * rate + 0.5 + 1e-6).astype(int)
     chosen = [(row, one) for row, one in zip(nearest, poses, strict=True) if 0 <= row < frames]
     if not chosen:
         return error

@@ -108,8 +108,8 @@ class LongStream:
         self.setup, self._trials = stream_head(scene), trials
         self._samples = list(live_samples(scene))
         self._end = max(sample.time for sample in self._samples)
-        imus = [one for one in self._samples if isinstance(one, ImuSample)]
-        self._R = np.stack([np.eye(3) if one.R_inertial_sensor is None else one.R_inertial_sensor for one in imus])
+        imus = [sample for sample in self._samples if isinstance(sample, ImuSample)]
+        self._R = np.stack([np.eye(3) if imu.R_inertial_sensor is None else imu.R_inertial_sensor for imu in imus])
 
     def __iter__(self) -> Iterator[LiveSample]:
         lap, random, last = 0, np.random.default_rng(self._trials.seed), dict[tuple[str, str], float]()
@@ -200,9 +200,13 @@ class Long(Study):
         with atomic_open(path, "wb") as file, MessageWriter(file, CHUNK_BYTES) as writer:
             recording_messages(writer, clip)
             for _, samples in groupby(stream, lambda sample: int(sample.time / clip.interval[1])):
-                own = group((one for one in samples if isinstance(one, ImuSample)), lambda one: one.sensor)
+                own = group(
+                    (sample for sample in samples if isinstance(sample, ImuSample)), lambda sample: sample.sensor
+                )
                 streams = [_imu_stream(name, several) for name, several in own.items()]
-                writer.add_in_order(*(sample_messages(writer, IMU + one.name, one, clip.start_ns) for one in streams))
+                writer.add_in_order(
+                    *(sample_messages(writer, IMU + stream.name, stream, clip.start_ns) for stream in streams)
+                )
 
     def tables(self, rows: Sequence[LongRun]) -> Iterator[str]:
         yield f"{self.hours:g} h of {self.sensors}, a clip of {self.clip_s:g} s repeated"
@@ -217,15 +221,15 @@ class Long(Study):
             "estimate MB",
         ]
         numbers = (
-            (one.peak / MB, one.before / MB, one.seconds, one.seconds / self.hours, one.cpu_seconds / self.hours,
-             one.recording_bytes / MB, one.estimate_bytes / MB) for one in rows
+            (row.peak / MB, row.before / MB, row.seconds, row.seconds / self.hours, row.cpu_seconds / self.hours,
+             row.recording_bytes / MB, row.estimate_bytes / MB) for row in rows
         )  # fmt: skip
         yield table(head, [[r.frames, *(f"{n:.0f}" for n in own)] for r, own in zip(rows, numbers, strict=True)])
 
 
 def _imu_stream(name: str, samples: Sequence[ImuSample]) -> ImuStream:
-    force, R = (np.array([getattr(one, of) for one in samples]) for of in ("specific_force", "R_inertial_sensor"))
-    return ImuStream(name, np.array([one.time for one in samples]), force, R)
+    force, R = (np.array([getattr(sample, of) for sample in samples]) for of in ("specific_force", "R_inertial_sensor"))
+    return ImuStream(name, np.array([sample.time for sample in samples]), force, R)
 
 
 def smoothed(recording: Path, estimate: Path, jobs: int = 1) -> LongRun:

@@ -72,7 +72,8 @@ def read_marker_body(path: Path, begins: float = 0.0) -> MarkerBody:
     def of(*names: str) -> Array:
         """Middle of some markers, ``(T, 3)`` metres."""
         return (
-            np.mean([marker_columns(table, [f"{one}_{axis}" for axis in "xyz"], path) for one in names], axis=0) / 1000
+            np.mean([marker_columns(table, [f"{name}_{axis}" for axis in "xyz"], path) for name in names], axis=0)
+            / 1000
         )
 
     pelvis = _axes_facing(of("LASI") - of("RASI"), of("LASI", "RASI") - of("LPSI", "RPSI"))
@@ -96,9 +97,9 @@ def read_marker_body(path: Path, begins: float = 0.0) -> MarkerBody:
 def marker_columns(table: np.ndarray, names: list[str], path: Path) -> Array:
     """Columns ``(T, n)`` of a table."""
     known = table.dtype.names or ()
-    if missing := [one for one in names if one not in known]:
+    if missing := [name for name in names if name not in known]:
         raise FileFormatError(f"{path}: no column '{missing[0]}'; expected a body as an optical system saw it")
-    return np.stack([table[one] for one in names], axis=-1)
+    return np.stack([table[name] for name in names], axis=-1)
 
 
 def posed(body: MarkerBody, skeleton: Skeleton) -> tuple[Skeleton, BodyState]:

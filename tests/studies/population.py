@@ -92,7 +92,9 @@ def population(motions: Path, seed: int = 24) -> tuple[PopulationScene, ...]:
     seconds = {path.stem: _seconds(path) for path in sorted(motions.glob("*/*.bvh"))}
     random, found = np.random.default_rng(seed), list[PopulationScene]()
     for number, (clip, length) in enumerate(seconds.items()):
-        others = [one for one in seconds if one[:2] == clip[:2] and one != clip and seconds[one] < 2 * SHORT_S]
+        others = [
+            second for second in seconds if second[:2] == clip[:2] and second != clip and seconds[second] < 2 * SHORT_S
+        ]
         clips = (clip, str(random.choice(others))) if length < SHORT_S and others else (clip,)
         pose = random.choice(["t", "n", "none"], p=[0.7, 0.2, 0.1])
         camera = random.choice(["tripod", "carried", "none"], p=[0.6, 0.2, 0.2])
@@ -203,8 +205,8 @@ class Simulated(Study):
         effective = replace(settings, frame_rate=self.frame_rate)
         kept = self.folder / f"rows_{zlib.crc32(repr(effective).encode()):08x}.jsonl"
         known = {row["scene"]: row for row in map(json.loads, kept.read_text().splitlines())} if kept.exists() else {}
-        yield from (PopulationRow(**known[one.name]) for one in scenes if one.name in known)
-        left = [one for one in scenes if one.name not in known]
+        yield from (PopulationRow(**known[scene.name]) for scene in scenes if scene.name in known)
+        left = [scene for scene in scenes if scene.name not in known]
         with ProcessPoolExecutor(self.jobs) as pool:
             work = [pool.submit(_row, one, self.simulator, self.motions, self.folder, effective) for one in left]
             for done, finished in enumerate(as_completed(work), start=len(scenes) - len(left)):

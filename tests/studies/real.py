@@ -83,7 +83,7 @@ class Real(Study):
     """Stream them too."""
 
     def rows(self, tell: Tell) -> Iterator[RealTrial | RecordingTrial]:
-        known = [one for one in real_recordings(self.data) if self.named in one.name]
+        known = [recording for recording in real_recordings(self.data) if self.named in recording.name]
         chosen = [one for one in known if self.camera is None or one.markers]
         if not chosen:
             raise InputError(
@@ -104,7 +104,7 @@ class Real(Study):
 
         Where a whole body's markers are known, a table of what they tell; where a video is, one of how far it agrees.
         """
-        real = [one for one in rows if isinstance(one, RealTrial)]
+        real = [row for row in rows if isinstance(row, RealTrial)]
         head = ["recording", "s", "knee °", "hip °", "centres mm", "live: knee °", "hip °", "mm", "findings"]
         lines: list[list[object]] = []
         for one in real:
@@ -123,7 +123,7 @@ class Real(Study):
                   _offset(seen.degrees, seen.without_offset), f"{seen.least:.0f} to {seen.most:.0f}"]
                  for one in real for name, seen in one.video.items()],
             )  # fmt: skip
-        if others := [one for one in rows if isinstance(one, RecordingTrial)]:
+        if others := [row for row in rows if isinstance(row, RecordingTrial)]:
             yield recordings_table(others)
 
 
@@ -150,7 +150,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
         one.name, end - start, batch[0], live[0], other, (batch[1], live[1]), (batch[2], live[2]),
         _video(one, folder, own.motion), batch_s, live_s,
         sentences(dict.fromkeys((*estimate.findings, *own.findings))),
-        sentences(one for answer in answers for one in answer.findings),
+        sentences(finding for answer in answers for finding in answer.findings),
     )  # fmt: skip
 
 
@@ -190,11 +190,11 @@ def _body_table(trials: Sequence[RealTrial]) -> str:
     """Of the whole body: errors of batch, then of live; the last row is the mean of all."""
     parts = ("body", "legs", "shoulders", "arms")
     found = []
-    for one in trials:
-        live = [*_pair(one.live.get("trunk")), one.body_mm[1].get("body", np.nan)]
-        lean = [*_pair(one.batch.get("trunk")), *_pair(one.batch.get("thorax"))]
-        found.append([*lean, *(one.body_mm[0][part] for part in parts), *live])
-    rows = [*zip((one.recording for one in trials), found, strict=True), ("mean", np.mean(found, axis=0))]
+    for trial in trials:
+        live = [*_pair(trial.live.get("trunk")), trial.body_mm[1].get("body", np.nan)]
+        lean = [*_pair(trial.batch.get("trunk")), *_pair(trial.batch.get("thorax"))]
+        found.append([*lean, *(trial.body_mm[0][part] for part in parts), *live])
+    rows = [*zip((trial.recording for trial in trials), found, strict=True), ("mean", np.mean(found, axis=0))]
     head = ["recording", "trunk °", "thorax °", *(f"{one} mm" for one in parts), "live: trunk °", "mm"]
     return table(head, [[k, _offset(*v[:2]), _offset(*v[2:4]), *v[4:8], _offset(*v[8:10]), v[10]] for k, v in rows])
 

@@ -93,7 +93,7 @@ def recording_trials(name: str, scene: Scene, with_live: bool) -> Iterator[Recor
     batch_s, begin = clock.process_time() - begin, clock.process_time()
     answers = streamed(scene, DEFAULT) if with_live else []
     live_s = clock.process_time() - begin
-    said = sentences(one for answer in answers for one in answer.findings)
+    said = sentences(finding for answer in answers for finding in answer.findings)
     for wearer, (recording, own) in enumerate(zip(scene.wearers, estimate.wearers, strict=True)):
         truth = None if recording.truth is None else recording.truth.motion
         start, end = recording.interval

@@ -63,7 +63,11 @@ class RepetitionStudy(Study):
     """Only those whose names contain this."""
 
     def rows(self, tell: Tell) -> Iterator[RepetitionTrial]:
-        real = [one for one in real_recordings(self.data) if one.name.startswith(REAL) and self.named in one.name]
+        real = [
+            recording
+            for recording in real_recordings(self.data)
+            if recording.name.startswith(REAL) and self.named in recording.name
+        ]
         clips = [
             (name, path, seed)
             for name in sorted({*COUNTS, *NONE_IN})
@@ -91,13 +95,13 @@ class RepetitionStudy(Study):
 
     def tables(self, rows: Sequence[RepetitionTrial]) -> Iterator[str]:
         """A line of each recording that has some, or is told some; the rest in one."""
-        shown = [one for one in rows if one.true or one.found]
+        shown = [row for row in rows if row.true or row.found]
         lines = [[one.recording, _words(one.true), _words(one.found), one.verdict] for one in shown]
         rest = len(rows) - len(shown)
         yield table(["recording", "true", "found", "verdict"], [*lines, [f"{rest} others", "none", "none", ""]])
         heights = {
-            "flight": [pair for one in rows for pair in one.flight_m],
-            "rise": [pair for one in rows for pair in one.rise_m],
+            "flight": [pair for row in rows for pair in row.flight_m],
+            "rise": [pair for row in rows for pair in row.rise_m],
         }
         known = [[name, len(pairs), *_errors_cm(pairs)] for name, pairs in heights.items() if pairs]
         if known:
@@ -141,4 +145,4 @@ def _of_truth(scene: Scene | None) -> tuple[Repetition, ...]:
 
 
 def _counts(repetitions: Sequence[Repetition]) -> dict[str, int]:
-    return dict(Counter(one.kind for one in repetitions))
+    return dict(Counter(repetition.kind for repetition in repetitions))

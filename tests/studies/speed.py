@@ -144,16 +144,16 @@ class Speed(Study):
             "of it before": lambda one: f"{one.before / MB:.0f}",
         })  # fmt: skip
         yield f"The thesis took {THESIS_S:g} s for 20 iterations of 1,000 frames of six sensors without a camera."
-        fed = [one for one in rows if one.stream is not None]
+        fed = [row for row in rows if row.stream is not None]
         if fed:
             yield table(
                 ["stream", "nothing ms", "median ms", "95 %", "99 %", "worst"],
                 [[_name(one.load), f"{1e3 * one.nothing:.3f}", *(f"{1e3 * value:.1f}" for value in _quantiles(one))]
                  for one in fed],
             )  # fmt: skip
-        for one in rows:
-            yield f"By stage: {_name(one.load)}"
-            yield table(["stage", "s", "iterations"], [[name, s, count or ""] for name, s, count in one.stages])
+        for row in rows:
+            yield f"By stage: {_name(row.load)}"
+            yield table(["stage", "s", "iterations"], [[name, s, count or ""] for name, s, count in row.stages])
         if self.picture is not None:
             draw(rows, self.picture)
 
@@ -173,13 +173,13 @@ def draw(rows: Sequence[LoadTime], path: Path) -> None:
 
     base, curves = rows[0].load, list[tuple[str, list[LoadTime]]]()
     for axis in AXES:
-        alike = [one for one in rows if replace(one.load, **{axis: getattr(base, axis)}) == base]
+        alike = [row for row in rows if replace(row.load, **{axis: getattr(base, axis)}) == base]
         if len(alike) > 1:
             curves.append((axis, sorted(alike, key=attrgetter(f"load.{axis}"))))
-    fed, most = [one for one in rows if one.stream is not None], max(len(curves), 1)
+    fed, most = [row for row in rows if row.stream is not None], max(len(curves), 1)
     figure = Figure((3.2 * most, 6.4 if fed else 3.2), layout="constrained")
     panes = figure.subplots(2 if fed else 1, most, squeeze=False)
-    top = max(one.seconds for one in rows if one.load.frames == base.frames)
+    top = max(row.seconds for row in rows if row.load.frames == base.frames)
     for pane, (axis, ones) in zip(panes[0], curves, strict=False):
         x = [getattr(one.load, axis) for one in ones]
         pane.plot(x, [one.seconds for one in ones], "o-", label="all")
@@ -250,9 +250,9 @@ def timed(load: Load, iterations: int | None = None, stream: bool = False) -> Lo
     clock(AFTERWARDS, 1.0)
     seconds, cpu, peak = perf_counter() - begin, process_time() - cpu, peak_memory()
     solves, elimination = dict[str, list[int]](), 0.0
-    for report in (*estimate.reports, *(one for wearer in estimate.wearers for one in wearer.reports)):
+    for report in (*estimate.reports, *(report for wearer in estimate.wearers for report in wearer.reports)):
         solves.setdefault(report.stage, []).append(len(report.iterations))
-        elimination += sum(one.seconds.get("eliminate", 0.0) for one in report.iterations)
+        elimination += sum(iteration.seconds.get("eliminate", 0.0) for iteration in report.iterations)
     stages = tuple((name, s, solves[name].pop(0) if solves.get(name) else 0) for name, s in clock.seconds)
     found = estimate.wearers[0].motion
     updates = _streamed(scene) if stream else (None, 0.0)
@@ -285,7 +285,7 @@ def measure(
         answers = tracker.push(sample)
         called, cpu = perf_counter() - before[0], cpu + thread_time() - before[1]
         # What a replay waits for, which a stream does not, is left out of what answers say that they took.
-        wall += called if start is None or not answers else sum(one.seconds for one in answers)
+        wall += called if start is None or not answers else sum(answer.seconds for answer in answers)
         if not answers:
             continue
         if start is None:

@@ -107,11 +107,11 @@ class StreamKill(EndStudy):
                 yield _killed(arguments, folder, int(share * self.seconds * RATE))
 
     def tables(self, rows: Sequence[KilledStream]) -> Iterator[str]:
-        after, lost, outlived = ([getattr(one, name) for one in rows] for name in ("after_s", "lost_s", "outlived_s"))
+        after, lost, outlived = ([getattr(row, name) for row in rows] for name in ("after_s", "lost_s", "outlived_s"))
         yield (
             f"{len(rows)} streams killed after {min(after):.1f} to {max(after):.1f} s: lost of the estimate "
             f"{np.median(lost):.2f} s (median), {max(lost):.2f} s at most; estimate readable "
-            f"{sum(one.estimate for one in rows)}, Rerun's file {sum(one.rerun for one in rows)} times; processes it "
+            f"{sum(row.estimate for row in rows)}, Rerun's file {sum(row.rerun for row in rows)} times; processes it "
             f"had begun were gone after {max(outlived):.1f} s at most"
         )
 
@@ -175,10 +175,10 @@ class DiskFull(EndStudy):
 
     def tables(self, rows: Sequence[FullDisk]) -> Iterator[str]:
         yield (
-            f"{len(rows)} streams on full disks: exit code not 0 {sum(one.code != 0 for one in rows)}, file named "
-            f"{sum(one.named for one in rows)}, nothing half-written {sum(one.orderly for one in rows)} times"
+            f"{len(rows)} streams on full disks: exit code not 0 {sum(row.code != 0 for row in rows)}, file named "
+            f"{sum(row.named for row in rows)}, nothing half-written {sum(row.orderly for row in rows)} times"
         )
-        bad = (one for one in rows if not (one.code and one.named and one.orderly))
+        bad = (row for row in rows if not (row.code and row.named and row.orderly))
         yield bullets("", (f"{one.bytes} bytes: exit code {one.code}: {one.said}" for one in bad))
 
 

@@ -183,13 +183,13 @@ def run_stream(
 
     tracker, answered = FixedLagTracker(setup, settings), []
     for sample in sent() if fault is None else fault.change(sent()):
-        answered += [(now, one) for one in tracker.push(sample)]
-    answered += [(now, one) for one in tracker.finish()]
+        answered += [(now, answer) for answer in tracker.push(sample)]
+    answered += [(now, answer) for answer in tracker.finish()]
     poses = [one.wearers[0].newest for _, one in answered]
     if fault is not None and fault.jump:
         # After a leap of all clocks a stream cannot know how long it took: poses are moved to when they were given.
         arrival = np.array([time for time, _ in answered])
-        age, before, after = arrival - [one.time for one in poses], arrival < fault.begin, arrival > fault.begin + 2
+        age, before, after = arrival - [pose.time for pose in poses], arrival < fault.begin, arrival > fault.begin + 2
         shift = float(np.median(age[after]) - np.median(age[before])) if after.any() and before.any() else 0.0
         poses = [
             replace(one, time=one.time + shift) if time >= fault.begin else one

@@ -138,7 +138,7 @@ def test_pictures_outside_the_estimate_are_not_valid(recording: Path, tmp_path: 
     part = CameraPath(path.time[4:20], path.R_world_camera[4:20], path.p_world_camera[4:20])
     short = replace(
         estimate,
-        wearers=tuple(replace(one, motion=one.motion.frames(slice(4, 20))) for one in estimate.wearers),
+        wearers=tuple(replace(wearer, motion=wearer.motion.frames(slice(4, 20))) for wearer in estimate.wearers),
         cameras=(replace(estimate.camera, path=part),),
     )
     (path,) = export(short, tmp_path / "a.pkl", ExportSettings(recording=recording))

@@ -85,9 +85,9 @@ def test_blender_shows_the_body_on_its_floor(folder: Path) -> None:
 def _heights(bpy, name: str) -> list[float]:  # type: ignore[no-untyped-def]
     """World z of the bones' heads, or of the mesh's corners, as Blender draws them now."""
     if name == "bvh":
-        (armature,) = (one for one in bpy.data.objects if one.type == "ARMATURE")
+        (armature,) = (object for object in bpy.data.objects if object.type == "ARMATURE")
         return [(armature.matrix_world @ bone.head).z for bone in armature.pose.bones]
-    body = next(one for one in bpy.data.objects if one.type == "MESH" and one.name.startswith("Ada"))
+    body = next(object for object in bpy.data.objects if object.type == "MESH" and object.name.startswith("Ada"))
     drawn = body.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return [(drawn.matrix_world @ corner.co).z for corner in drawn.data.vertices]
 

@@ -200,7 +200,7 @@ def _file_cases() -> list[Case]:
         return Case(name, lambda: files, lambda folder: read(folder / file), f"{command}{{}}/{file}", seldom=seldom)
 
     def some(files: Files, *names: str) -> Files:
-        return {one: files[one] for one in names}
+        return {name: files[name] for name in names}
 
     def motion(path: Path) -> None:
         terminal_text([motion_facts(read_motion(path))])

@@ -173,7 +173,7 @@ def _simulated(seconds: float) -> Scene:
     motion = gestures(seconds)
     performer = Performer("ann", motion, preset("sip6", motion.skeleton), "n-pose")
     scene = simulate_scene([performer], SceneSettings(camera="hand-held"), seed=1)
-    return replace(scene, wearers=tuple(replace(one, subject=Subject("ann", 1.75)) for one in scene.wearers))
+    return replace(scene, wearers=tuple(replace(wearer, subject=Subject("ann", 1.75)) for wearer in scene.wearers))
 
 
 @cache

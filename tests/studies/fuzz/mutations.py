@@ -314,7 +314,7 @@ def _in_a_chunk(records: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
     """The same with all but the first and the last records in one chunk, without compression or checksum."""
     inner = mcap_of(records[1:-2])[len(MAGIC) : -len(MAGIC)]
     messages = [one for code, one in records if code == Opcode.MESSAGE and len(one) > 13]
-    times = [struct.unpack_from("<Q", one, 6)[0] for one in messages] or [0]
+    times = [struct.unpack_from("<Q", message, 6)[0] for message in messages] or [0]
     head = struct.pack("<QQQIIQ", min(times), max(times), len(inner), 0, 0, len(inner))
     return [*records[:1], (Opcode.CHUNK, head + inner), *records[-2:]]
 

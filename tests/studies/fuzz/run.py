@@ -119,22 +119,22 @@ class Fuzz(Study):
         )
 
     def tables(self, rows: Sequence[Failure | Counts]) -> Iterator[str]:
-        counts = [(one.format, one.read, one.refused, one.failed) for one in rows if isinstance(one, Counts)]
-        lines = [*counts, ("all", *np.sum([one[1:] for one in counts] or [(0, 0, 0)], axis=0))]
+        counts = [(row.format, row.read, row.refused, row.failed) for row in rows if isinstance(row, Counts)]
+        lines = [*counts, ("all", *np.sum([count[1:] for count in counts] or [(0, 0, 0)], axis=0))]
         yield table(["format", "mutations", "read", "refused", "failed"], [[k, sum(v), *v] for k, *v in lines])
         yield bullets("Neither read nor refused:", (
-            f"{one.format} {one.number}: {one.kind} at {one.place}: {one.text[:100]!r}, {one.folder}"
-            for one in rows if isinstance(one, Failure)
+            f"{row.format} {row.number}: {row.kind} at {row.place}: {row.text[:100]!r}, {row.folder}"
+            for row in rows if isinstance(row, Failure)
         ))  # fmt: skip
 
 
 def chosen_cases(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
     """Those of the formats named; all if none is."""
-    known = [one.name for one in cases]
+    known = [case.name for case in cases]
     for name in names:
         if name not in known:
             raise InputError(f"unknown format '{name}': known are {', '.join(known)}")
-    return [one for one in cases if not names or one.name in names]
+    return [case for case in cases if not names or case.name in names]
 
 
 @dataclass
@@ -148,7 +148,7 @@ class Damage:
 
     def run(self, numbers: range, tell: Tell = no_news) -> Iterator[Failure | Counts]:
         """Each failure that is new, then the counts of each format."""
-        known, ready, rates = set[tuple[str, str]](), dict[str, Path](), [1 / one.seldom for one in self.cases]
+        known, ready, rates = set[tuple[str, str]](), dict[str, Path](), [1 / case.seldom for case in self.cases]
         with TemporaryDirectory(prefix="vip-factors-fuzz-") as name, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # thousands
             for number in numbers:

@@ -50,10 +50,16 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: Estimat
 def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     standing = scene_sample(0.5, moving=False)
     second = replace(standing.camera, name="left", known_path=standing.camera.truth.path, mount=None)
-    there = entities(replace(sample, cameras=(sample.camera, second)), found, tmp_path / "a.rrd")
+    labelled = replace(found.camera, name="left")
+    there = entities(
+        replace(sample, cameras=(sample.camera, second)),
+        replace(found, cameras=(found.camera, labelled)),
+        tmp_path / "a.rrd",
+    )
     for entity in ("phone", "phone/image/detected/ann/points", "left", "left/image", "left/image/body/ann/limbs"):
         assert f"/world/cameras/{entity}" in there, entity
-    assert any(re.fullmatch(r"/world/cameras/left/image/detected/nobody.*/points", one) for one in there)
+    assert "/world/cameras/left/image/detected/ann/points" in there
+    assert {f"/plots/reprojection_px/{camera}/ann" for camera in ("phone", "left")} <= there
 
 
 def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Path) -> None:

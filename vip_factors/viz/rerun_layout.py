@@ -69,7 +69,7 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
         name, curve = rr.escape_entity_path_part(wearer.name), {wearer.name: wearer_colour(wearer.index)}
         for camera, time, pixels in _reprojection_px(drawn, wearer):
             entity, place = "/plots/reprojection_px", f", {camera}" if len(drawn.cameras) > 1 else ""
-            path = f"{entity}/{rr.escape_entity_path_part(wearer.name + place)}"
+            path = f"{entity}/{rr.escape_entity_path_part(camera)}/{name}" if place else f"{entity}/{name}"
             log_curves(stream, path, time, pixels[:, None], {wearer.name + place: wearer_colour(wearer.index)})
             titles[entity] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:

@@ -14,7 +14,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.report.page import report_page, write_report
+from vip_factors.report.page import live_page, report_page, write_report
 from vip_factors.report.report_data import motion_data, report_data
 from vip_factors.sensors.calibration import Placement, SensorCalibration
 from vip_factors.sensors.scene import Scene, Video
@@ -200,3 +200,10 @@ def test_an_estimate_without_frames_is_refused(estimate: Estimate) -> None:
     cut = replace(estimate.wearers[0], motion=estimate.wearers[0].motion.frames(slice(0, 0)))
     with pytest.raises(InputError, match="has no frames to draw: was its file cut off"):
         report_data(replace(estimate, wearers=(cut, *estimate.wearers[1:])))
+
+
+def test_the_live_page_has_every_camera(scene: Scene) -> None:
+    page = live_page(replace(scene, cameras=(scene.camera, replace(scene.camera, name="left side"))))
+    assert [
+        page.count(f'"name": "{name}"') + page.count(f'"name":"{name}"') for name in (scene.camera.name, "left side")
+    ] == [1, 1]

@@ -301,7 +301,6 @@ def live_page(setup: Scene) -> str:
         setup: of the stream.
     """
     extent = 8.0  # m of the ground that is drawn around who walks on it
-    cameras = setup.cameras[:1]  # an answer has the pose of the first camera
     bodies = [wearer.subject.body() for wearer in setup.wearers]
     waiting = poses_data(calibration_pose("n-pose")[None], np.zeros((1, 3)))
     data = {
@@ -310,7 +309,7 @@ def live_page(setup: Scene) -> str:
         "floor": 0.0,
         "centre": [0.0, 0.0],
         "extent": extent,
-        "apart": len(bodies) > 1 and not cameras,  # where they stand beside each other is not known
+        "apart": len(bodies) > 1 and not setup.cameras,  # where they stand beside each other is not known
         "bodies": [
             body_data(wearer.subject.name, body, (number, len(bodies))) | waiting | {"mesh": number}
             for number, (wearer, body) in enumerate(zip(setup.wearers, bodies, strict=True))
@@ -318,7 +317,7 @@ def live_page(setup: Scene) -> str:
         "meshes": [mesh_data(body) for body in bodies],
         "cameras": [
             {"name": camera.name, "corners": corners(camera.model)} | poses_data(np.eye(3)[None], np.zeros((1, 3)))
-            for camera in cameras
+            for camera in setup.cameras
         ],
     }
     angles = []
@@ -338,7 +337,7 @@ def live_page(setup: Scene) -> str:
             version=__version__,
             style=packaged("templates/live.css"),
             script=packaged("viewer/viewer.min.js"),
-            with_camera=bool(cameras),
+            with_camera=bool(setup.cameras),
             apart=data["apart"],
             sensors=[sensor for _, sensor in sensor_columns(setup)],
         )

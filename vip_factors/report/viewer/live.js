@@ -83,14 +83,13 @@ export function showLive() {
       });
       poses[index].positions.set(at.map((one, axis) => one + shifts[index][axis]));
     });
-    const camera = newest.camera && (newest.camera[find("pose").value] ?? newest.camera.newest);
-    const [filming] = world.cameras;  // answers have the pose of the first camera
-    if (camera && filming) {
-      const [w, x, y, z] = camera.orientation_wxyz;
-      const positions = Float32Array.from(camera.position);
-      Object.assign(filming.poses, { rotations: Float32Array.of(x, y, z, w), positions });
-    }
-    if (filming) filming.frustum.visible = Boolean(camera);
+    world.cameras.forEach(({ poses: at, frustum }, index) => {
+      const camera = newest.cameras.find(({ name }) => name === data.cameras[index].name);
+      frustum.visible = Boolean(camera);
+      if (!camera) return;
+      const { orientation_wxyz: [w, x, y, z], position } = camera[find("pose").value] ?? camera.newest;
+      Object.assign(at, { rotations: Float32Array.of(x, y, z, w), positions: Float32Array.from(position) });
+    });
     lowest.push(Math.min(all[0].joints.left_foot.position[2], all[0].joints.right_foot.position[2]));
     if (lowest.length > FLOOR_ANSWERS) lowest.shift();
     data.floor = [...lowest].sort((a, b) => a - b)[lowest.length >> 1] - BALL_OVER_SOLE_M;

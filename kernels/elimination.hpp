@@ -84,10 +84,10 @@ inline void add(const double* from, int64_t count, double* to) {
 }
 
 // Shifts the marginal M on the next frame, the far columns of the one after it, and the border by a frame, in place. The
-// rows of the next frame are moved to `frame_rows` (w, n). Rows have zeros or nothing after `used` columns.
+// rows of the next frame are moved to `frame_rows` (w, n); they have zeros after `used` columns.
 inline void shift_frame(const Stretch& stretch, int64_t used, double* M, double* v, double* frame_rows, double* frame_vector) {
     const int64_t w = stretch.eliminated, ahead = stretch.ahead(), rest = stretch.rest(), n = w + rest, end = used - w;
-    for (int64_t r = 0; r < w; r++) std::fill(frame_rows + r * n + r, frame_rows + r * n + used, 0.0);
+    for (int64_t r = 0; r < w; r++) std::fill(frame_rows + r * n + r, frame_rows + (r + 1) * n, 0.0);
     std::fill(frame_vector, frame_vector + w, 0.0);
     if (!stretch.tied) return;
     for (int64_t r = 0; r < w; r++) {

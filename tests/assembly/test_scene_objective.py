@@ -16,6 +16,7 @@ from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.variables import scene_layout
 from vip_factors.settings import SolveSettings
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
+from vip_factors.solve.nested_dissection import NestedElimination
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -99,6 +100,12 @@ def test_steps_and_covariances_of_several_wearers_before_a_moving_camera_are_tho
     end, first = layout.frame_width * T, [index for index, (_, step) in enumerate(names) if step == 0]
     np.testing.assert_allclose(steps.frames.ravel(), x[:end], atol=1e-8 * np.abs(x).max())
     np.testing.assert_allclose(steps.static, x[end:][first], atol=1e-8 * np.abs(x).max())
+    (group,) = objective.groups
+    assert isinstance(group.memory, NestedElimination)
+    for stretch in group.memory._stretches.values():  # reused memory may hold anything
+        for elimination in stretch.chains:
+            for rows, _ in elimination._conditionals:
+                rows.fill(np.nan)
     covariance, marginals = np.linalg.inv(H), objective.linearise(state).marginals()
     for blocks, columns in zip(marginals.chains, layout.chain_columns, strict=True):
         for t, block in enumerate(blocks):

@@ -62,6 +62,7 @@ class Part:
         date: on which it ran.
         seconds: that it took.
         tables: Markdown lines.
+        commit: at which it ran, if not at that of the file.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Part:
     date: str
     seconds: float
     tables: tuple[str, ...]
+    commit: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +173,8 @@ def filled(text: str, figures: Path = FIGURES) -> str:
             lines = [summary(parts)]
         elif name in parts:
             part = parts[name]
-            lines = [f"`{part.command}`, {part.date}:", "", *part.tables]
+            commit = f", commit `{part.commit}`" if part.commit else ""
+            lines = [f"`{part.command}`, {part.date}{commit}:", "", *part.tables]
         else:
             lines = [f"Not measured at this commit; run `python -m tests.studies publish … --only {name}`."]
         return "\n".join([match[1], *lines, "", match[3]])
@@ -206,7 +209,7 @@ def _parts(path: Path, commit: str) -> Iterator[Part]:
     if path.exists():
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["commit"] == commit:
-            yield from (Part(**part) for part in content["parts"])
+            yield from (Part(**part) for part in content["parts"] if not part.get("commit"))
 
 
 def _write(path: Path, commit: str, parts: Mapping[str, Part]) -> None:

@@ -65,6 +65,8 @@ def test_a_changed_figure_is_noticed(tmp_path: Path) -> None:
     assert "`run gait`, 2026-01-02:\n\n| a | b |\n| 1.0 | 2.0 |\n" in text
     assert filled(text, figures) == text
     assert filled(text.replace("2.0", "1.9"), figures) == text
+    later = figures_file(tmp_path / "c.json", replace(part("gait", "| a | b |"), commit="abcdef"))
+    assert "`run gait`, 2026-01-02, commit `abcdef`:" in filled(text, later)
     assert "Not measured" in filled(text, figures_file(tmp_path / "b.json"))
 
 

@@ -16,7 +16,7 @@ def test_a_sentence_has_names_and_numbers() -> None:
 
 
 def test_names_are_no_templates() -> None:
-    assert "wearer '{0}': the solver" in str(Finding("not converged", "{0}", subject="{1}"))
+    assert "wearer '{0}': the computation" in str(Finding("not converged", "{0}", subject="{1}"))
 
 
 @pytest.mark.parametrize("kind", [one for one in KINDS if one != TEXT])

@@ -55,7 +55,7 @@ def test_what_smooth_prints_is_in_the_file_which_is_written_whatever_the_verdict
     assert told.code == 3
     verdicts = [re.search("verdict: +(.*)", text)[1] for text in (told.out, run("info", tmp_path / "e.mcap").out)]
     assert verdicts == [str(read_estimate(tmp_path / "e.mcap").verdict)] * 2
-    assert "solver stopped before it converged" in verdicts[0]
+    assert "computation stopped early" in verdicts[0]
 
 
 def test_only_the_last_solve_has_to_settle() -> None:

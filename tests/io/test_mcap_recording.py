@@ -104,7 +104,7 @@ def test_foreign_channels_are_left_out_and_named(tmp_path: Path) -> None:
         video = raw.register_channel("/camera", "json", raw.register_schema("acme.Image", "jsonschema", b"{}"))
         raw.add_message(video, 1, b"{}", 1)
         raw.add_message(raw.register_channel("/blob", "", 0), 1, b"x", 1)
-    with pytest.warns(McapWarning, match=r"left out.*/camera \(acme.Image\).*/blob \(no schema\)"):
+    with pytest.warns(McapWarning, match=r"ignored.*/camera \(acme.Image\).*/blob \(no schema\)"):
         read = read_scene(tmp_path / "r.mcap").wearers[0]
     assert_same(recording, read)
 

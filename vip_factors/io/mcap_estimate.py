@@ -1,7 +1,7 @@
 """Estimates in MCAP files: topics and messages, read at once and written chunk by chunk.
 
-Every wearer has the same topics, below a prefix of their own if there are several. The scene's and the cameras' stand
-beside them; an estimate of one unfilmed wearer has none of these.
+Every wearer has the same topics, each below a separate prefix if there are several. The scene and the cameras have
+further topics; an estimate of one unfilmed wearer has none of these.
 
 An estimate in memory is written as a single chunk, a stream is many small ones. What is known of the whole at its end
 alone (who is who, findings, headings over time) is written then, once more on the topics that had it at the beginning:

@@ -200,8 +200,9 @@ class EstimateBuilder:
         late = smoother.frame(back).time if back in numbers else None
         errors = FILMED if self._head.cameras and smoother.problem.has_views else UNFILMED
         calibrations = self._shown_calibrations(smoother, errors)
-        first = next((o for o in tracking.observers if o.camera.name == self._head.cameras[0].name), None)
-        chosen = first.chosen if first is not None and number == numbers[-1] else None
+        observers = {observer.camera.name: observer for observer in tracking.observers}
+        first_observer = observers.get(self._head.cameras[0].name) if self._head.cameras else None
+        chosen = first_observer.chosen if first_observer is not None and number == numbers[-1] else None
         wearers = tuple(
             LiveWearerEstimate(
                 wearer.subject.name,

@@ -172,17 +172,13 @@ class NestedElimination(BandElimination):
     def covariances(self, number: int, joint: Array) -> Iterator[Array]:
         """Yield the marginal covariances of a stretch's frames backwards; see :meth:`BandElimination.covariances`.
 
-        Blocks between the private columns of two chains are zero except in the first two frames of a stretch.
+        Covariances between the private columns of two chains are computed in the first two frames of a stretch only;
+        elsewhere they are zero.
         """
         if number not in self._stretches:
             yield from super().covariances(number, joint)
             return
-        stretch, frames, w, c = (
-            self._stretches[number],
-            len(self._conditionals[number][1]),
-            self.shape.frame,
-            self._common,
-        )
+        stretch, (frames, w), c = self._stretches[number], self._conditionals[number][1].shape, self._common
         first, across = stretch.joint.covariance(joint)
         n, every = len(first), np.block([[first, across], [across.T, joint]])
         covariances = np.zeros((frames, w, w))

@@ -19,7 +19,7 @@ from .api import (
 from .body.joint_angles import joint_angles as joint_angles
 from .body.kinematics import Motion as Motion
 from .body.skeleton import JOINT_NAMES as JOINT_NAMES
-from .io.settings import DetectSettings as DetectSettings
+from .detect.settings import DetectSettings as DetectSettings
 from .errors import VipFactorsError as VipFactorsError
 from .estimate import Estimate as Estimate
 from .factor_graph import keys as keys

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
 from vip_factors.estimate import Moved, WearerEstimate, as_estimate
 from vip_factors.io.convert import ImportOptions
-from vip_factors.io.settings import CameraOptions, DetectSettings, ExportSettings, LiveSourceSettings
+from vip_factors.io.settings import CameraOptions, ExportSettings, LiveSourceSettings
 from vip_factors.repetitions.repetition import WearerRepetitions
 from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.sensors.camera import VideoClock

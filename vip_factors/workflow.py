@@ -14,12 +14,13 @@ import msgspec
 
 from vip_factors import __version__, api
 from vip_factors.atomic import check_target
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.files import export_format
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.settings import CameraOptions, DetectSettings
+from vip_factors.io.settings import CameraOptions
 from vip_factors.settings import Settings
 
 if TYPE_CHECKING:

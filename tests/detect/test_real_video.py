@@ -9,10 +9,10 @@ import pytest
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.detect.models import blazepose_files
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import blazepose_tracker
 from vip_factors.detect.video import detect_video
 from vip_factors.errors import InputError
-from vip_factors.io.settings import DetectSettings
 
 BODY25B = keypoint_set("body25b")
 

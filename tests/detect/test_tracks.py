@@ -5,8 +5,8 @@ import pytest
 from detect.stub_people import IMAGE, People
 
 from vip_factors.detect.blazepose import DetectedPerson, Square
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Tracker, search, tiles
-from vip_factors.io.settings import DetectSettings
 
 SETTINGS = DetectSettings()
 

@@ -11,11 +11,11 @@ from films import write_video
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.detect.models import Box
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Tracker
 from vip_factors.detect.video import detect_video, exchanged_sides, write_overlay
 from vip_factors.errors import InputError
 from vip_factors.io.detections import read_detections, write_mmpose
-from vip_factors.io.settings import DetectSettings
 
 FRAMES, RATE = 30, 15.0
 

@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.cli.options import UNPREFIXED, Output, WritingOptions, beside
 from vip_factors.cli.terminal import progress_bar, say
-from vip_factors.io.settings import DetectSettings
+from vip_factors.detect.settings import DetectSettings
 
 
 @dataclass(frozen=True)

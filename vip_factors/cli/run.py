@@ -13,8 +13,9 @@ from vip_factors.cli.convert import ConvertOptions, LogArguments, camera_options
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.cli.terminal import progress_bar, say
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
-from vip_factors.io.settings import DetectSettings, LogOptions
+from vip_factors.io.settings import LogOptions
 
 if TYPE_CHECKING:
     from vip_factors.cli.smooth import SmoothOptions

@@ -18,7 +18,7 @@ from vip_factors.detect.blazepose import (
     Square,
 )
 from vip_factors.detect.models import BlazePoseFiles
-from vip_factors.io.settings import DetectSettings
+from vip_factors.detect.settings import DetectSettings
 
 
 def tiles(width: int, height: int, levels: int) -> list[Square]:

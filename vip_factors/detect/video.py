@@ -20,12 +20,12 @@ from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect import blazepose as blazepose_models
 from vip_factors.detect import models, tracks
 from vip_factors.detect.models import OnnxPose, box_around
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Track, Tracker
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.detections import TrackedPose, write_mmpose
-from vip_factors.io.settings import DetectSettings
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
 from vip_factors.sensors.detections import Detections
 from vip_factors.viz.film import draw_pose, limb_pairs

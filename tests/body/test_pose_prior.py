@@ -1,15 +1,11 @@
-from pathlib import Path
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.pose_prior import POSE_SIZE, PosePrior, joint_vector, load_pose_prior, mirror_joint_vector
+from vip_factors.body.pose_prior import POSE_SIZE, joint_vector, load_pose_prior, mirror_joint_vector
 from vip_factors.body.skeleton import joint_index
-from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
 
 
@@ -46,13 +42,3 @@ def test_the_shipped_prior_is_symmetric_and_sane() -> None:
     knee, elbow = (3 * (joint_index(f"left_{name}") - 1) for name in ("knee", "elbow"))
     assert 10 < np.degrees(prior.mean[knee]) < 60  # bent, the right way
     assert np.degrees(prior.mean[elbow + 1]) < -10
-
-
-def test_other_files_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "no.npz").write_bytes(b"no")
-    np.savez(tmp_path / "other.npz", a=1)
-    for name in ("no.npz", "other.npz", "absent.npz"):
-        with pytest.raises(FileFormatError, match="not a pose prior"):
-            load_pose_prior(tmp_path / name)
-    with pytest.raises(InputError, match="expected"):
-        PosePrior(np.zeros(3), np.eye(3))

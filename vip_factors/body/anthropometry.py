@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.lengths import BODY_LENGTHS, LENGTHS, LIMB_ENDS, STATURE, BodyVariation, skeleton_of_lengths
-from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import Skeleton, joint_index
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 
 STATURE_RANGE_M = (0.8, 2.6)  # from a small child to the tallest adults measured
@@ -44,17 +43,6 @@ class BodyGaussian:
 
     mean: Array
     covariance: Array
-
-    def __post_init__(self) -> None:
-        mean, covariance = np.asarray(self.mean, float), np.asarray(self.covariance, float)
-        if mean.shape != (SIZE,) or covariance.shape != (SIZE, SIZE):
-            raise InputError(
-                f"body prior: mean {mean.shape} and covariance {covariance.shape}: expected {SIZE} variables"
-            )
-        if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance))):
-            raise InputError("body prior: mean or covariance holds a number that is not finite")
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "covariance", covariance)
 
     @property
     def stature(self) -> tuple[float, float]:
@@ -99,28 +87,11 @@ class BodyPrior:
 
 
 @cache
-def _read(path: Path) -> BodyPrior:
-    file = read_npz(path, "not a prior over bodies")
-    try:
-        if tuple(file["variables"].ravel().tolist()) != VARIABLES:
-            raise ValueError("other variables")
+def load_body_prior(path: Path = SHIPPED_BODY_PRIOR) -> BodyPrior:
+    """Load a trained prior over bodies, by default the one shipped with the package."""
+    with np.load(path) as file:
         groups = {name: BodyGaussian(file[f"{name}_mean"], file[f"{name}_covariance"]) for name in GROUPS}
         return BodyPrior(groups, str(file["provenance"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(
-            f"{path}: not a prior over bodies ({error}); expected an npz with a mean ({SIZE},) and a covariance "
-            f"({SIZE}, {SIZE}) of {', '.join(GROUPS)}, the variables' names and provenance, as the "
-            "shipped file has them"
-        ) from error
-
-
-def load_body_prior(path: str | Path | None = None) -> BodyPrior:
-    """Load a trained prior over bodies, by default the one shipped with the package.
-
-    Raises:
-        FileFormatError: if the file is not a prior over bodies.
-    """
-    return _read(Path(path) if path is not None else SHIPPED_BODY_PRIOR)
 
 
 @dataclass(frozen=True)
@@ -157,8 +128,10 @@ def likely_body(
     mass_sigma = 0.03  # relative: clothes, meals, scales
     stature_sigma_m = 0.010  # of a tape, and of the change over a day
     mass_range_kg = (8.0, 400.0)
-    if stature_m is not None:
-        _check_stature(stature_m)
+    low, high = STATURE_RANGE_M
+    if stature_m is not None and not low <= stature_m <= high:
+        hint = f"; {stature_m:g} looks like centimetres, give {stature_m / 100:g}" if 80 <= stature_m <= 260 else ""
+        raise InputError(f"stature {stature_m:g} m: expected between {low} and {high} metres{hint}")
     if mass_kg is not None and not mass_range_kg[0] <= mass_kg <= mass_range_kg[1]:
         raise InputError(f"mass {mass_kg:g} kg: expected between {mass_range_kg[0]:g} and {mass_range_kg[1]:g}")
     adults = load_body_prior().of(sex)
@@ -200,14 +173,6 @@ def skeleton_from_stature(
         InputError: for an implausible stature, mass or length, or an unknown segment or sex.
     """
     return likely_body(stature_m, sex, segment_lengths_m, mass_kg).skeleton
-
-
-def _check_stature(stature_m: float) -> None:
-    low, high = STATURE_RANGE_M
-    if low <= stature_m <= high:
-        return
-    centimetres = f"; {stature_m:g} looks like centimetres, give {stature_m / 100:g}" if 80 <= stature_m <= 260 else ""
-    raise InputError(f"stature {stature_m:g} m: expected between {low} and {high} metres{centimetres}")
 
 
 def _scale(adults: BodyGaussian, stature_m: float | None) -> tuple[float, float]:

@@ -13,9 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
-from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, log
 
 Range = tuple[float, float]
@@ -71,17 +69,6 @@ class PosePrior:
     whitening: Array
     provenance: str = "unknown"
 
-    def __post_init__(self) -> None:
-        mean, whitening = np.asarray(self.mean, float), np.asarray(self.whitening, float)
-        if mean.shape != (POSE_SIZE,) or whitening.shape != (POSE_SIZE, POSE_SIZE):
-            raise InputError(
-                f"pose prior: mean {mean.shape} and whitening {whitening.shape}: expected (69,) and (69, 69)"
-            )
-        if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(whitening))):
-            raise InputError("pose prior: mean or whitening holds a number that is not finite")
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "whitening", whitening)
-
     def residual(self, x: Array) -> Array:
         """Whitened deviation ``(..., 69)`` of joint vectors ``(..., 69)``: unit variance where the prior holds."""
         return (x - self.mean) @ self.whitening.T
@@ -106,24 +93,10 @@ def mirror_joint_vector(x: Array) -> Array:
 
 
 @cache
-def _read(path: Path) -> PosePrior:
-    file = read_npz(path, "not a pose prior")
-    try:
-        return PosePrior(file["mean"], file["whitening"], str(file["provenance"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(
-            f"{path}: not a pose prior ({error}); expected an npz with mean (69,), whitening (69, 69) and provenance, "
-            "as the shipped file has them"
-        ) from error
-
-
-def load_pose_prior(path: str | Path | None = None) -> PosePrior:
-    """Load a trained prior, by default the one shipped with the package.
-
-    Raises:
-        FileFormatError: if the file is not a pose prior.
-    """
-    return _read(Path(path) if path is not None else SHIPPED_PRIOR)
+def load_pose_prior(path: Path = SHIPPED_PRIOR) -> PosePrior:
+    """Load a trained prior, by default the one shipped with the package."""
+    with np.load(path) as file:
+        return PosePrior(file["mean"].astype(float), file["whitening"].astype(float), str(file["provenance"]))
 
 
 @dataclass(frozen=True)
@@ -132,13 +105,6 @@ class JointLimits:
 
     lower: Array
     upper: Array
-
-    def __post_init__(self) -> None:
-        lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
-        if lower.shape != (POSE_SIZE,) or upper.shape != (POSE_SIZE,) or not np.all(lower < upper):
-            raise InputError("joint limits: expected 69 lower bounds, each below its upper bound, in radians")
-        object.__setattr__(self, "lower", lower)
-        object.__setattr__(self, "upper", upper)
 
     def violation(self, x: Array) -> Array:
         """Signed distance of joint vectors ``(..., 69)`` from the limits in radians; zero inside."""

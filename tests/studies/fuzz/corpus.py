@@ -37,11 +37,10 @@ from tests.onnx_samples import simcc_model
 from tests.studies.fuzz.run import Case, Files
 from tests.studies.train_keypoints import keypoint_offsets_text
 from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
-from vip_factors.body.anthropometry import SHIPPED_BODY_PRIOR, LengthPrior, likely_body, load_body_prior
+from vip_factors.body.anthropometry import LengthPrior, likely_body
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
 from vip_factors.cli.options import read_settings
 from vip_factors.cli.terminal import terminal_text
 from vip_factors.describe.recordings import motion_facts, recording_tables
@@ -231,14 +230,8 @@ def _file_cases() -> list[Case]:
              "vip-factors smooth RECORDING.mcap --settings ", 4),
         case("token", {"token.txt": b"c2VjcmV0\n"}, read_token,
              "vip-factors stream ws://0.0.0.0:5555 --token-file ", 3),
-        *(
-            case(name, {path.name: path.read_bytes()}, partial(_afresh, read=read), command, 3)
-            for name, path, read, command in (
-                ("weights", SHIPPED_WEIGHTS, load_weights, "vip-factors smooth SCENE.mcap --association.weights "),
-                ("pose-prior", SHIPPED_PRIOR, load_pose_prior, "load_pose_prior "),
-                ("body-prior", SHIPPED_BODY_PRIOR, load_body_prior, "load_body_prior "),
-            )
-        ),
+        case("weights", {SHIPPED_WEIGHTS.name: SHIPPED_WEIGHTS.read_bytes()}, partial(_afresh, read=load_weights),
+             "vip-factors smooth SCENE.mcap --association.weights ", 3),
     ]  # fmt: skip
 
 

@@ -1,6 +1,8 @@
 """Motion files: BVH (a hierarchy of joints, then one line of numbers a frame), and AMASS (npz with SMPL's poses)."""
 
-from collections.abc import Callable, Iterator
+import math
+import sys
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,6 @@ import numpy as np
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import stature_of
-from vip_factors.body.npz_file import read_npz
 from vip_factors.body.skeleton import JOINT_COUNT, LONGEST_BONE_M, Skeleton
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
@@ -226,7 +227,7 @@ def _skeleton(content: dict[str, Any]) -> Skeleton:
 
 def _read(path: Path) -> dict[str, Any]:
     names = ("poses", "trans", "gender", "joint_offsets", *RATE_NAMES)
-    file = read_npz(path, "not an AMASS npz", names)
+    file = _read_npz(path, names)
     missing = [name for name in ("poses", "trans") if name not in file]
     if missing:
         raise FileFormatError(f"{path}: lacks {', '.join(missing)}; expected a motion file of AMASS")
@@ -241,6 +242,37 @@ def _read(path: Path) -> dict[str, Any]:
         }
     except (IndexError, TypeError, ValueError) as error:  # empty, or no numbers
         raise FileFormatError(f"{path}: not an AMASS npz ({error})") from error
+
+
+def _read_npz(path: Path, names: Collection[str]) -> dict[str, Any]:
+    """Those of the arrays ``names`` that are in an archive, which may be damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            names = [name for name in file.files if name in names]
+            for name in names:
+                _check_size(file, name)
+            return {name: _checked_text(name, file[name]) for name in names}
+    except Exception as error:  # NumPy, zipfile, zlib and tokenize raise a dozen kinds
+        raise FileFormatError(f"{path}: not an AMASS npz ({error or 'it is truncated'})") from error
+
+
+def _check_size(file: Any, name: str) -> None:
+    """Refuse an array that claims to be larger than its file in the archive, before memory is allocated."""
+    with file.zip.open(f"{name}.npy") as array_file:
+        version = np.lib.format.read_magic(array_file)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read_header(array_file)
+    if math.prod(shape) * kind.itemsize > file.zip.getinfo(f"{name}.npy").file_size:
+        raise ValueError(f"{name} has the shape {shape} in its header, for which the file is too short")
+
+
+def _checked_text(name: str, value: Any) -> Any:
+    """Refuse text with invalid code points, which fails later in Python."""
+    if value.dtype.kind == "U" and value.size:
+        codes = np.ascontiguousarray(value).reshape(-1).view(np.dtype("u4").newbyteorder(value.dtype.byteorder))
+        if codes.max() > sys.maxunicode:
+            raise ValueError(f"{name} is not valid text")
+    return value
 
 
 def _text(value: Array) -> str:

@@ -1,4 +1,4 @@
-"""Archives of arrays: damaged ones, and those that claim more than they hold, are refused in a sentence."""
+"""AMASS archives: damaged ones, and those that claim more than they hold, are refused in a sentence."""
 
 import io
 import zipfile
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.body.npz_file import read_npz
 from vip_factors.errors import FileFormatError
+from vip_factors.io.motions.files import read_motion
 
 
 def part(shape: str, kind: str, data: bytes = b"") -> bytes:
@@ -18,15 +18,8 @@ def part(shape: str, kind: str, data: bytes = b"") -> bytes:
 
 def archive(path: Path, content: bytes) -> Path:
     with zipfile.ZipFile(path, "w") as file:
-        file.writestr("a.npy", content)
+        file.writestr("poses.npy", content)
     return path
-
-
-def test_arrays_come_back_by_name(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", a=np.arange(3.0), b=np.array("text"), c=np.zeros(0))
-    assert sorted(read_npz(tmp_path / "a.npz", "none")) == ["a", "b", "c"]
-    assert list(read_npz(tmp_path / "a.npz", "none", ("b", "d"))) == ["b"]
-    assert str(read_npz(tmp_path / "a.npz", "none")["b"]) == "text"
 
 
 @pytest.mark.parametrize(
@@ -39,16 +32,16 @@ def test_arrays_come_back_by_name(tmp_path: Path) -> None:
     ],
 )
 def test_parts_that_are_none_are_refused(tmp_path: Path, content: bytes) -> None:
-    with pytest.raises(FileFormatError, match=r"a\.npz: not a motion \(.+\)"):
-        read_npz(archive(tmp_path / "a.npz", content), "not a motion")
+    with pytest.raises(FileFormatError, match=r"a\.npz: not an AMASS npz \(.+\)"):
+        read_motion(archive(tmp_path / "a.npz", content))
 
 
 def test_damaged_archives_are_refused(tmp_path: Path) -> None:
     path, whole = tmp_path / "a.npz", io.BytesIO()
-    np.savez_compressed(whole, a=np.arange(100.0))
+    np.savez_compressed(whole, poses=np.arange(100.0))
     data = whole.getvalue()
     wrong = data[:60] + b"\xff" * 8 + data[68:], data.replace(b"PK\x03\x04", b"PK\x03\x05")
     for damaged in (data[:40], *wrong, b"", b"x"):
         path.write_bytes(damaged)
-        with pytest.raises(FileFormatError, match=r"a\.npz: not a motion \(.+\)"):
-            read_npz(path, "not a motion")
+        with pytest.raises(FileFormatError, match=r"a\.npz: not an AMASS npz \(.+\)"):
+            read_motion(path)

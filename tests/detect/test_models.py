@@ -33,10 +33,10 @@ def wheel(path: Path, content: dict[str, bytes] = CONTENT) -> Path:
 
 def test_a_wheel_is_unpacked_into_the_cache(tmp_path: Path) -> None:
     files = blazepose_files(wheel(tmp_path / "m.whl"))
-    assert files.detector == tmp_path / "cache" / "vip-factors" / "blazepose" / DETECTOR
-    assert files.detector.read_bytes() == b"detector"
-    assert files.landmarks.read_bytes() == b"landmarks"
-    assert len(list(files.detector.parent.iterdir())) == 2
+    assert files[0] == tmp_path / "cache" / "vip-factors" / "blazepose" / DETECTOR
+    assert files[0].read_bytes() == b"detector"
+    assert files[1].read_bytes() == b"landmarks"
+    assert len(list(files[0].parent.iterdir())) == 2
     assert blazepose_files(None) == files  # from now on without the wheel
 
 
@@ -44,7 +44,7 @@ def test_a_folder_is_used_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "deep").mkdir()
     for name in MEMBERS:
         (tmp_path / "deep" / name).write_bytes(b"another version")
-    assert blazepose_files(tmp_path).detector == tmp_path / "deep" / DETECTOR
+    assert blazepose_files(tmp_path)[0] == tmp_path / "deep" / DETECTOR
     (tmp_path / "deep" / LANDMARKS).unlink()
     with pytest.raises(InputError, match=f"there is no {LANDMARKS}"):
         blazepose_files(tmp_path)
@@ -77,14 +77,14 @@ def test_pip_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(subprocess, "run", pip)
     told: list[str] = []
     files = blazepose_files(None, told.append)
-    assert files.landmarks.read_bytes() == b"landmarks"
+    assert files[1].read_bytes() == b"landmarks"
     assert blazepose_files(None, told.append) == files
     assert len(asked) == len(told) == 1
     assert "--no-deps" in asked[0]
     assert "mediapipe==0.10.21" in told[0]
 
-    files.detector.write_bytes(b"spoilt")  # what does not agree with the checksum is fetched again
-    assert blazepose_files(None, told.append).detector.read_bytes() == b"detector"
+    files[0].write_bytes(b"spoilt")  # what does not agree with the checksum is fetched again
+    assert blazepose_files(None, told.append)[0].read_bytes() == b"detector"
 
 
 def test_without_pip_or_network_the_way_out_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

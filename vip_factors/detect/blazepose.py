@@ -75,7 +75,7 @@ Model = Callable[[np.ndarray], list[np.ndarray]]
 
 
 def check_interpreter() -> None:
-    """Check that the library is installed, before models are fetched for it."""
+    """Check that the library is installed."""
     if find_spec("ai_edge_litert") is None:
         raise InputError("BlazePose needs ai-edge-litert, which is not installed: pip install 'vip-factors[detect]'")
 
@@ -199,21 +199,17 @@ def merge_overlapping(rows: Array, score: Array) -> list[tuple[Array, float]]:
     remaining = np.argsort(-score, kind="stable")
     people = []
     while len(remaining):
-        same = intersection_over_union(rows[remaining[0]], rows[remaining]) > box_overlap
+        best, others = rows[remaining[0]], rows[remaining]
+        low = np.maximum(best[:2] - best[2:4] / 2, others[:, :2] - others[:, 2:4] / 2)
+        high = np.minimum(best[:2] + best[2:4] / 2, others[:, :2] + others[:, 2:4] / 2)
+        common = np.prod(np.clip(high - low, 0, None), axis=1)
+        union = np.prod(best[2:4]) + np.prod(others[:, 2:4], axis=1) - common
+        same = (union > 0) & (common > box_overlap * union)
         same[0] = True  # of a box without an area as well
         members = remaining[same]
         people.append((np.average(rows[members], axis=0, weights=score[members]), float(score[remaining[0]])))
         remaining = remaining[~same]
     return people
-
-
-def intersection_over_union(row: Array, rows: Array) -> Array:
-    """Intersection over union ``(N,)`` of the box of one row with those of ``(N, 12)``."""
-    low = np.maximum(row[:2] - row[2:4] / 2, rows[:, :2] - rows[:, 2:4] / 2)
-    high = np.minimum(row[:2] + row[2:4] / 2, rows[:, :2] + rows[:, 2:4] / 2)
-    common = np.prod(np.clip(high - low, 0, None), axis=1)
-    union = np.prod(row[2:4]) + np.prod(rows[:, 2:4], axis=1) - common
-    return np.divide(common, union, out=np.zeros(len(rows)), where=union > 0)
 
 
 INPUT = 256  # pixels, width and height

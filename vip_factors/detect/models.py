@@ -40,14 +40,6 @@ SHA256 = {
 }
 
 
-@dataclass(frozen=True)
-class BlazePoseFiles:
-    """Paths of the two models."""
-
-    detector: Path
-    landmarks: Path
-
-
 def cache_folder() -> Path:
     """Folder for fetched models: the platform's cache folder."""
     if sys.platform == "darwin":
@@ -59,8 +51,10 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or usual) / "vip-factors" / "blazepose"
 
 
-def blazepose_files(source: Path | None, on_message: Callable[[str], None] = lambda sentence: None) -> BlazePoseFiles:
-    """Find the models in a wheel or folder, or in the cache, into which pip fetches them once.
+def blazepose_files(
+    source: Path | None, on_message: Callable[[str], None] = lambda sentence: None
+) -> tuple[Path, Path]:
+    """Find detector and landmark model in a wheel or folder, or in the cache, into which pip fetches them once.
 
     Args:
         source: wheel of MediaPipe (``.whl``), or a folder with the two ``.tflite`` files at any depth; None for the
@@ -72,23 +66,24 @@ def blazepose_files(source: Path | None, on_message: Callable[[str], None] = lam
         FileFormatError: if the file is no wheel, or a model is not the published one.
     """
     if source is not None and source.is_dir():
-        return _of_folder(source)
+        return _model_of(source, DETECTOR), _model_of(source, LANDMARKS)
     cache = cache_folder()
     if source is not None:
         _unpack(source, cache)
-    elif not all(_is_published(cache / name, name) for name in MEMBERS):
+    elif not all((cache / name).is_file() and _is_published(name, (cache / name).read_bytes()) for name in MEMBERS):
         _fetch(cache, on_message)
-    return BlazePoseFiles(cache / DETECTOR, cache / LANDMARKS)
+    return cache / DETECTOR, cache / LANDMARKS
 
 
-def _of_folder(folder: Path) -> BlazePoseFiles:
-    paths_of = {}
-    for name in MEMBERS:
-        paths = sorted(folder.rglob(name))
-        if not paths:
-            raise InputError(f"{folder}: there is no {name} in it: expected {DETECTOR} and {LANDMARKS}")
-        paths_of[name] = paths[0]
-    return BlazePoseFiles(paths_of[DETECTOR], paths_of[LANDMARKS])
+def _model_of(folder: Path, name: str) -> Path:
+    paths = sorted(folder.rglob(name))
+    if not paths:
+        raise InputError(f"{folder}: there is no {name} in it: expected {DETECTOR} and {LANDMARKS}")
+    return paths[0]
+
+
+def _is_published(name: str, content: bytes) -> bool:
+    return hashlib.sha256(content).hexdigest() == SHA256[name]
 
 
 def _unpack(wheel: Path, cache: Path) -> None:
@@ -104,7 +99,7 @@ def _unpack(wheel: Path, cache: Path) -> None:
     except KeyError as error:
         raise FileFormatError(f"{wheel}: {error.args[0]}: expected a wheel of {MEDIAPIPE}") from error
     for name, data in content.items():
-        if hashlib.sha256(data).hexdigest() != SHA256[name]:
+        if not _is_published(name, data):
             raise FileFormatError(f"{wheel}: its {name} is not that of {MEDIAPIPE}: the SHA-256 sum differs")
     cache.mkdir(parents=True, exist_ok=True)
     for name, data in content.items():
@@ -125,10 +120,6 @@ def _fetch(cache: Path, on_message: Callable[[str], None]) -> None:
                 "its wheels by other means, and give it as --blazepose WHEEL"
             )
         _unpack(wheels[0], cache)
-
-
-def _is_published(path: Path, name: str) -> bool:
-    return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == SHA256[name]
 
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
@@ -217,53 +208,42 @@ class OnnxPose:
         """
         import cv2
 
-        scale = self._scale(box)
-        corner = np.array([box.left + box.right, box.upper + box.lower]) / 2
-        corner = corner - scale * np.array([self._width, self._height]) / 2
-        matrix = np.column_stack([scale * np.eye(2), corner + (scale - 1) / 2])  # of pixels' middles
-        size = (self._width, self._height)
-        crop = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        place, confidence = self._decode((crop - MEAN) / DEVIATION)
-        count = len(self.keypoints)
-        return (corner + scale * place)[:count], confidence[:count]
-
-    def _scale(self, box: Box) -> float:
-        """Pixels of the image per pixel of the input."""
         widened = 1.25
-        width, height = (max(length, 1.0) for length in (box.right - box.left, box.lower - box.upper))
-        return widened * max(width / self._width, height / self._height)
+        size = (self._width, self._height)
+        edges = (max(length, 1.0) for length in (box.right - box.left, box.lower - box.upper))
+        scale = widened * max(edge / length for edge, length in zip(edges, size, strict=True))  # pixels per input pixel
+        corner = np.array([box.left + box.right, box.upper + box.lower]) / 2
+        corner = corner - scale * np.array(size) / 2
+        matrix = np.column_stack([scale * np.eye(2), corner + (scale - 1) / 2])  # of pixels' middles
+        crop = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        outputs = self._outputs((crop - MEAN) / DEVIATION)
+        if len(outputs) == 2:
+            x, y = outputs
+            place = np.column_stack([x.argmax(axis=1) / x.shape[1], y.argmax(axis=1) / y.shape[1]])
+            confidence = np.minimum(x.max(axis=1), y.max(axis=1))
+        else:
+            place, confidence = heat_peaks(outputs[0]), outputs[0].max(axis=(1, 2))
+        count = len(self.keypoints)
+        return (corner + scale * (place * np.array(size)))[:count], np.clip(confidence, 0, 1)[:count]
 
     def _outputs(self, crop: Array) -> list[np.ndarray]:
         """Outputs for a normalised crop ``(height, width, 3)``: rows along x and y, or heat maps, without the batch."""
         batch = crop.transpose(2, 0, 1)[None].astype(np.float32)
         try:
-            outputs = [
-                output for output in self._session.run(None, {self._name: batch}) if isinstance(output, np.ndarray)
-            ]
+            every = self._session.run(None, {self._name: batch})
         except Exception as error:  # its exceptions share no base class
             reason = str(error).partition("\n")[0]
             raise FileFormatError(
                 f"{self._path}: the model does not run ({reason}); expected one that takes {batch.shape} floats"
             ) from error
-        rows, maps = (
-            [output[0] for output in outputs if output.ndim == 3],
-            [output[0] for output in outputs if output.ndim == 4],
-        )
+        outputs = [output for output in every if isinstance(output, np.ndarray)]
+        rows, maps = ([output[0] for output in outputs if output.ndim == axes] for axes in (3, 4))
         if len(rows) == 2 and len(rows[0]) == len(rows[1]):
             return rows
         if maps and not rows:
             return maps[:1]
         shapes = ", ".join(str(output.shape) for output in outputs)
         raise FileFormatError(f"{self._path}: outputs {shapes}: expected SimCC's two (1, K, bins), or heat maps")
-
-    def _decode(self, crop: Array) -> tuple[Array, Array]:
-        outputs = self._outputs(crop)
-        size = np.array([self._width, self._height])
-        if len(outputs) == 2:
-            x, y = outputs
-            place = np.column_stack([x.argmax(axis=1) / x.shape[1], y.argmax(axis=1) / y.shape[1]]) * size
-            return place, np.clip(np.minimum(x.max(axis=1), y.max(axis=1)), 0, 1)
-        return heat_peaks(outputs[0]) * size, np.clip(outputs[0].max(axis=(1, 2)), 0, 1)
 
 
 def heat_peaks(heat: np.ndarray) -> Array:

@@ -6,6 +6,7 @@ sought again after it was lost.
 
 import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from vip_factors.detect.blazepose import (
     PersonLandmarks,
     Square,
 )
-from vip_factors.detect.models import BlazePoseFiles
 from vip_factors.detect.settings import DetectSettings
 
 
@@ -114,7 +114,11 @@ class Tracker:
             else:
                 self._lost.append(track)
         self._lost = [track for track in self._lost if time - track.time <= lost_s]
-        self._drop_doubles()
+        distinct: list[Track] = []  # the older of two tracks that follow one person
+        for track in sorted(self._tracks, key=lambda track: track.number):
+            if not any(self._same(track.landmarks, older.landmarks) for older in distinct):
+                distinct.append(track)
+        self._tracks = distinct
         due = time - self._searched_at >= self._settings.search_s
         if due or len(self._tracks) < len(previous_tracks) or not self._tracks:
             self._search(image, time, self._settings.tile_levels if due else 0)
@@ -160,14 +164,6 @@ class Tracker:
         self._count += 1
         return Track(self._count, landmarks, time)
 
-    def _drop_doubles(self) -> None:
-        """Drop the younger of two tracks that follow one person."""
-        distinct: list[Track] = []
-        for track in sorted(self._tracks, key=lambda track: track.number):
-            if not any(self._same(track.landmarks, older.landmarks) for older in distinct):
-                distinct.append(track)
-        self._tracks = distinct
-
     def _same(self, a: PersonLandmarks, b: PersonLandmarks) -> bool:
         least_landmarks = 4  # for the comparison
         sure = 0.5  # confidence of a landmark that is compared
@@ -185,7 +181,7 @@ def usual_threads() -> int:
     return min(most_threads, processors)
 
 
-def blazepose_tracker(files: BlazePoseFiles, settings: DetectSettings, threads: int) -> Tracker:
-    """A tracker that finds and follows people with BlazePose."""
-    detector = PersonDetector(LiteModel(files.detector, threads))
-    return Tracker(detector, LandmarkModel(LiteModel(files.landmarks, threads)), settings)
+def blazepose_tracker(files: tuple[Path, Path], settings: DetectSettings, threads: int) -> Tracker:
+    """A tracker that finds and follows people with BlazePose's detector and landmark model."""
+    detector, landmarks = (LiteModel(path, threads) for path in files)
+    return Tracker(PersonDetector(detector), LandmarkModel(landmarks), settings)

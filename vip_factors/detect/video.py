@@ -77,12 +77,10 @@ def _across(keypoints: KeypointSet, pixels: Array, confidence: Array) -> tuple[A
     return (pixels[:, left] - pixels[:, right]) / length, np.minimum(confidence[:, left], confidence[:, right])
 
 
-BLAZEPOSE = "blazepose33"
 DEFAULT = DetectSettings()
 
 
-def frames_to_look_at(facts: VideoFacts, settings: DetectSettings) -> range:
-    """Indices of the frames from ``start_s`` to ``end_s`` (None: the ends of the video), every ``every``-th."""
+def _frames_to_look_at(facts: VideoFacts, settings: DetectSettings) -> range:
     start_s, end_s = settings.start_s, settings.end_s
     low = 0 if start_s is None else int(np.searchsorted(facts.time, start_s))
     high = len(facts) if end_s is None else int(np.searchsorted(facts.time, end_s, side="right"))
@@ -127,9 +125,13 @@ class VideoPoses:
         return Detections(self.keypoints, self.facts.time, frame, pixels, confidence)
 
     @property
-    def tracks(self) -> list[int]:
-        """Numbers of the people, in order."""
-        return sorted({pose.track for people in self.frames for pose in people})
+    def tracks(self) -> dict[int, list[int]]:
+        """Indices of the frames of each person, by number."""
+        frames_of = defaultdict[int, list[int]](list)
+        for index, people in enumerate(self.frames):
+            for pose in people:
+                frames_of[pose.track].append(index)
+        return dict(sorted(frames_of.items()))
 
 
 def detect_video(
@@ -139,21 +141,13 @@ def detect_video(
     model: OnnxPose | None = None,
     progress: ProgressCallback = silent,
 ) -> VideoPoses:
-    """Detect the poses of all people in a video.
-
-    Args:
-        path: the video.
-        tracker: tracks people; its landmarks are the poses if no other model is given.
-        settings: selects the frames.
-        model: pose model for the keypoints of the tracked people.
-        progress: called with the fraction of frames that are done.
-    """
+    """Detect the poses of all people by a tracker, or by a ``model`` of the tracked people's keypoints."""
     least_s = 0.2  # shortest track that is kept: false detections last shorter
     turn_s = 0.25  # in which nobody turns round
     begin = perf_counter()
     facts = video_facts(path)
-    looked = frames_to_look_at(facts, settings)
-    keypoints = keypoint_set(BLAZEPOSE) if model is None else model.keypoints
+    looked = _frames_to_look_at(facts, settings)
+    keypoints = keypoint_set("blazepose33") if model is None else model.keypoints
     frames: list[list[TrackedPose]] = [[] for _ in range(len(facts))]
     images = iterate_frames(path, facts.time, looked.step, looked.start, looked.stop)
     count = looked.stop - looked.start
@@ -177,15 +171,9 @@ def detect_people(
     overlay: Path | None = None,
     overwrite: bool = False,
 ) -> VideoPoses:
-    """Detect the poses of all people in a video by BlazePose, or with keypoints of another model.
+    """Detect the poses of all people in a video, as :func:`vip_factors.api.detect`.
 
-    Args:
-        path: the video.
-        settings: frames, search and models.
-        progress: called with the current step and its fraction done.
-        out: JSON file for the poses.
-        overlay: MP4 file for the video with the poses drawn over it.
-        overwrite: whether these files may be replaced.
+    ``overlay`` is an MP4 file for the video with the poses drawn over it.
 
     Raises:
         InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
@@ -202,23 +190,18 @@ def detect_people(
     poses = detect_video(path, tracks.blazepose_tracker(files, settings, threads), settings, model, progress)
     if settings.model is not None:
         poses = replace(poses, detector=settings.model.name)
-    if out is not None:
-        write_poses(out, poses, overwrite)
+    if out is not None:  # as MMPose does, with keypoint names and frame times
+        facts = poses.facts
+        metadata = {
+            "detector": poses.detector,
+            "video": facts.path.name,
+            "video_size": [facts.width, facts.height],
+            "video_rate_hz": round(facts.rate, 4),
+        }
+        write_mmpose(out, poses.keypoints, poses.frames, facts.time, metadata, overwrite)
     if overlay is not None:
         write_overlay(overlay, poses, overwrite, progress)
     return poses
-
-
-def write_poses(path: Path, poses: VideoPoses, overwrite: bool = False) -> None:
-    """Write poses into a JSON file as MMPose does, with keypoint names and frame times."""
-    facts = poses.facts
-    metadata = {
-        "detector": poses.detector,
-        "video": facts.path.name,
-        "video_size": [facts.width, facts.height],
-        "video_rate_hz": round(facts.rate, 4),
-    }
-    write_mmpose(path, poses.keypoints, poses.frames, facts.time, metadata, overwrite)
 
 
 def _pose(track: Track, image: np.ndarray, model: OnnxPose | None) -> TrackedPose:
@@ -251,20 +234,15 @@ def _tidied(
     return tidy
 
 
-def write_overlay(
-    path: Path,
-    poses: VideoPoses,
-    overwrite: bool = False,
-    progress: ProgressCallback = silent,
-) -> None:
+def write_overlay(path: Path, poses: VideoPoses, overwrite: bool = False, progress: ProgressCallback = silent) -> None:
     """Write the frames with detection as a video (``.mp4``), each person in a colour and with the track's number.
 
     Raises:
         InputError: if the file exists, or OpenCV cannot write such a video.
     """
-    largest_side = 1280  # of the longer side, in pixels
     import cv2
 
+    largest_side = 1280  # of the longer side, in pixels
     facts, looked = poses.facts, poses.looked
     scale, limbs = min(1.0, largest_side / max(facts.width, facts.height)), limb_pairs(poses.keypoints)
     size = tuple(2 * round(scale * length / 2) for length in (facts.width, facts.height))  # codecs need even numbers
@@ -293,16 +271,12 @@ def write_overlay(
 def poses_summary(poses: VideoPoses) -> list[str]:
     """Summary of the detected people, line by line."""
     looked = len(poses.looked)
-    counts = {number: 0 for number in poses.tracks}
-    for people in poses.frames:
-        for pose in people:
-            counts[pose.track] += 1
+    tracks_of = poses.tracks
     speed = f", {looked / poses.seconds:.1f} frames a second" if poses.seconds > 0 else ""
     lines = [f"{looked} of {len(poses.frames)} frames of {poses.facts.path.name} looked at{speed}"]
-    if not counts:
+    if not tracks_of:
         lines.append("nobody was found")
-    for number, count in counts.items():
-        indices = [index for index, people in enumerate(poses.frames) if any(pose.track == number for pose in people)]
+    for number, indices in tracks_of.items():
         begin, end = (poses.facts.time[index] for index in (indices[0], indices[-1]))
-        lines.append(f"  person {number}: {count} frames, {begin:.1f} to {end:.1f} s")
+        lines.append(f"  person {number}: {len(indices)} frames, {begin:.1f} to {end:.1f} s")
     return lines

@@ -25,23 +25,14 @@ LEAST_STRETCHES = 3  # for a line
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """Line through the clock offsets of stretches.
+    """Line through the clock offsets of stretches."""
 
-    Attributes:
-        per_second: drift, seconds per second of the video.
-        sigma: standard deviation of the drift.
-        middle: middle of the video, seconds on its clock.
-        seconds: offset there, to add to the video's times to get the sensors'.
-        duration: of the video, seconds.
-        stretches: number of stretches used.
-    """
-
-    per_second: float
-    sigma: float
-    middle: float
-    seconds: float
-    duration: float
-    stretches: int
+    per_second: float  # drift, seconds per second of the video
+    sigma: float  # standard deviation of the drift
+    middle: float  # middle of the video, seconds on its clock
+    seconds: float  # offset there, to add to the video's times to get the sensors'
+    duration: float  # of the video, seconds
+    stretches: int  # number of stretches used
 
     @property
     def matters(self) -> bool:
@@ -59,11 +50,8 @@ def find_drift(
 ) -> ClockDrift | None:
     """Estimate the drift about the offset of the whole video; None if too few stretches have an offset.
 
-    Args:
-        scene, camera, tracks: as for the offset.
-        seconds: offset of the whole video.
-        stretch: length of a stretch in seconds, long enough for an offset to some milliseconds.
-        max_drift: largest drift, seconds per second; 29.97 Hz declared as 30 Hz is half of it.
+    Stretches of ``stretch`` seconds give an offset to some milliseconds. ``max_drift`` is the largest drift in seconds
+    per second; 29.97 Hz declared as 30 Hz is half of it.
     """
     start, end = min(track.time[0] for track in tracks), max(track.time[-1] for track in tracks)
     count = int((end - start) // stretch)
@@ -73,7 +61,7 @@ def find_drift(
     reach = OFFSETS_S + max_drift * (end - start) / 2
     when, curves, offset = [], [], np.zeros(0)
     for begin, finish in pairwise(edges.tolist()):
-        cut = [piece for track in tracks if (piece := between(track, begin, finish, seconds)) is not None]
+        cut = _cut(tracks, begin, finish, seconds)
         if cut:
             curve = correlation_curve(scene, camera, cut, reach)
             when.append((begin + finish) / 2 - middle)
@@ -86,16 +74,19 @@ def find_drift(
     measured = _fitted(offset, gain, time, line)
     if measured is None:
         return None
-    offset_at_middle, drift, sigma, used = measured
-    return ClockDrift(drift, sigma, float(middle), seconds + offset_at_middle, float(end - start), used)
+    at_middle, drift, sigma, used = measured
+    return ClockDrift(drift, sigma, float(middle), seconds + at_middle, float(end - start), used)
 
 
-def between(track: ImageTrack, start: float, end: float, seconds: float) -> ImageTrack | None:
-    """Cut a track to a stretch and add ``seconds`` to its times; None with fewer than two frames."""
-    inside = (track.time >= start) & (track.time <= end)
-    if inside.sum() < 2:
-        return None
-    return replace(track, time=track.time[inside] + seconds, pixels=track.pixels[inside], size=track.size[inside])
+def _cut(tracks: Sequence[ImageTrack], start: float, end: float, seconds: float = 0.0) -> list[ImageTrack]:
+    """Pieces of the tracks in a stretch, of two frames or more, with ``seconds`` added to their times."""
+    pieces = []
+    for track in tracks:
+        inside = (track.time >= start) & (track.time <= end)
+        if inside.sum() >= 2:
+            time = track.time[inside] + seconds
+            pieces.append(replace(track, time=time, pixels=track.pixels[inside], size=track.size[inside]))
+    return pieces
 
 
 def _best_line(offset: Array, gain: Array, time: Array, half: float, max_drift: float) -> tuple[float, float]:
@@ -146,27 +137,16 @@ LIMB_S = 0.15  # largest distance of a limb's peak from the common one
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset of the video's clock.
+    """Offset of the video's clock."""
 
-    Attributes:
-        seconds: to add to the video's times to get the sensors'; the best guess if undetermined.
-        sigma: standard deviation in seconds; infinite if undetermined.
-        alternatives: other offsets and their agreement relative to the best one's.
-        sentence: offset and uncertainty in words.
-        curve: agreement over all offsets.
-        drift: of the clock about that offset, if it is determined.
-        clock: map from the video's clock to the sensors', with the drift if it matters.
-        finding: set if the video seems to be of another session.
-    """
-
-    seconds: float
-    sigma: float
-    alternatives: tuple[tuple[float, float], ...]
-    sentence: str
-    curve: CorrelationCurve
-    drift: ClockDrift | None = None
-    clock: VideoClock = field(default_factory=VideoClock)
-    finding: Finding | None = None
+    seconds: float  # to add to the video's times to get the sensors'; the best guess if undetermined
+    sigma: float  # standard deviation in seconds; infinite if undetermined
+    alternatives: tuple[tuple[float, float], ...]  # other offsets and their agreement relative to the best one's
+    sentence: str  # offset and uncertainty in words
+    curve: CorrelationCurve  # agreement over all offsets
+    drift: ClockDrift | None = None  # of the clock about that offset, if it is determined
+    clock: VideoClock = field(default_factory=VideoClock)  # from the video's clock to the sensors'
+    finding: Finding | None = None  # set if the video seems to be of another session
 
     @property
     def determined(self) -> bool:
@@ -185,7 +165,7 @@ def find_clock_offset(scene: Scene, max_offset: float = MAX_OFFSET_S, number: in
         RecordingError: if the scene has no camera, or nobody is visible for long enough.
     """
     film = _comparison(scene, max_offset, number)
-    offset = _checked(_best_offset(film.curve(film.tracks)), film)
+    offset = _best_offset(film)
     return _with_drift(offset, film) if offset.determined else offset
 
 
@@ -195,8 +175,7 @@ def film_finding(scene: Scene) -> Finding | None:
     Raises:
         RecordingError: as :func:`find_clock_offset`.
     """
-    film = _comparison(scene, MAX_OFFSET_S, 0)
-    return _checked(_best_offset(film.curve(film.tracks)), film).finding
+    return _best_offset(_comparison(scene, MAX_OFFSET_S, 0)).finding
 
 
 @dataclass(frozen=True)
@@ -245,10 +224,14 @@ def _oriented(recording: Recording) -> Recording:
     return replace(recording, imus={name: oriented(stream) for name, stream in recording.imus.items()})
 
 
-def _best_offset(curve: CorrelationCurve) -> ClockOffset:
-    """Offset of the curve's highest peak; undetermined if the peak is low, at the edge, or has a rival."""
+def _best_offset(film: _Comparison) -> ClockOffset:
+    """Offset of the curve's highest peak.
+
+    Undetermined if the peak is low, at the edge, or has a rival; with a finding, if the video is of another session.
+    """
     least_gain = 30.0  # nats; chance gives less than 20
     rival = 0.8  # largest agreement of the second-best offset relative to the best
+    curve = film.curve(film.tracks)
     offset, gain = curve.offset, curve.gain
     top_index = int(np.argmax(gain))
     other_peaks = [index for index in _peaks(curve) if abs(offset[index] - offset[top_index]) > PEAK_S][:4]
@@ -268,7 +251,10 @@ def _best_offset(curve: CorrelationCurve) -> ClockOffset:
         is_distinct = (alternatives[0][1] if alternatives else 0.0) < rival and not at_edge
     if is_distinct:
         sentence = f"video {seconds:+.3f} s ± {1e3 * sigma:.0f} ms, from motion: {evidence}"
-        return ClockOffset(seconds, sigma, alternatives, sentence, curve)
+        finding = _other_session(curve, seconds, film)
+        if finding is not None:
+            sigma, sentence = np.inf, str(finding)
+        return ClockOffset(seconds, sigma, alternatives, sentence, curve, finding=finding)
     offers = ", ".join(f"{time:+.2f} s ({100 * share:.0f} %)" for time, share in alternatives[:2])
     sentence = (
         f"the offset is undetermined: {evidence}"
@@ -303,21 +289,18 @@ def _limb_scatter(curve: CorrelationCurve, top_index: int, seconds: float) -> tu
     return float(np.sqrt(np.sum((w * d) ** 2)) / np.sum(w)), len(names)
 
 
-def _checked(offset: ClockOffset, film: _Comparison) -> ClockOffset:
-    """Mark the offset as undetermined, with a finding, if the video is of another session."""
-    if not offset.determined:
-        return offset
-    index = int(np.argmin(np.abs(offset.curve.offset - offset.seconds)))
-    if _belongs(offset.curve, index, film):
-        return offset
-    numbers = {"seconds": offset.seconds, "percent": 100 * offset.curve.explained(index)}
+def _other_session(curve: CorrelationCurve, seconds: float, film: _Comparison) -> Finding | None:
+    """Check whether the sensors explain the video at its best offset."""
+    index = int(np.argmin(np.abs(curve.offset - seconds)))
+    if _belongs(curve, index, film):
+        return None
+    numbers = {"seconds": seconds, "percent": 100 * curve.explained(index)}
     reason = (
-        f"it seems to be of another session: at its best offset ({offset.seconds:+.2f} s) the sensors explain "
+        f"it seems to be of another session: at its best offset ({seconds:+.2f} s) the sensors explain "
         f"{numbers['percent']:.0f} % of how limbs move in the picture, where 35 to 60 are usual, and its halves do not "
         "agree: check the file, and which sensor sits where"
     )
-    finding = Finding("video mismatch", numbers=numbers, words={"reason": reason})
-    return replace(offset, sigma=np.inf, sentence=str(finding), finding=finding)
+    return Finding("video mismatch", numbers=numbers, words={"reason": reason})
 
 
 def _belongs(curve: CorrelationCurve, index: int, film: _Comparison) -> bool:
@@ -334,13 +317,8 @@ def _belongs(curve: CorrelationCurve, index: int, film: _Comparison) -> bool:
         return True
     near = np.abs(curve.offset - curve.offset[index]) <= LIMB_S
     middle = (start + end) / 2
-    return all(_gain_between(film, *half, near) >= half_gain for half in ((start, middle), (middle, end)))
-
-
-def _gain_between(film: _Comparison, start: float, end: float, near: Array) -> float:
-    """Largest gain at the offsets ``near`` ``(L,)`` in a stretch of the video; 0 if nobody is visible."""
-    pieces = [piece for track in film.tracks if (piece := between(track, start, end, 0.0)) is not None]
-    return float(film.curve(pieces).gain[near].max()) if pieces else 0.0
+    halves = (_cut(film.tracks, *half) for half in ((start, middle), (middle, end)))
+    return all(half and film.curve(half).gain[near].max() >= half_gain for half in halves)
 
 
 def _with_drift(offset: ClockOffset, film: _Comparison) -> ClockOffset:

@@ -17,12 +17,12 @@ from vip_factors.initialise.clock_signals import (
     GRID_HZ,
     ImageTrack,
     Signal,
-    camera_rotation,
+    image_rate,
     limb_directions,
     limb_in_image,
     limb_indices,
-    middle_in_image,
     rate_of,
+    rotations_on,
     smoothed,
 )
 from vip_factors.sensors.scene import Camera, Scene
@@ -84,13 +84,7 @@ class CorrelationCurve:
 
 
 def peak_vertex(offset: Array, gain: Array, index: int, reach_s: float) -> tuple[float, float]:
-    """Vertex of the parabola through a peak, and its (positive) curvature in nats/s².
-
-    Args:
-        offset, gain: ``(L,)`` of a curve.
-        index: of the peak.
-        reach_s: half-width of the fit in seconds.
-    """
+    """Vertex of the parabola within ``reach_s`` of a peak, and its (positive) curvature in nats/s²."""
     reach = max(2, round(reach_s / (offset[1] - offset[0])))
     window = slice(max(index - reach, 0), index + reach + 1)
     a, b, _ = np.polyfit(offset[window] - offset[index], gain[window], 2)
@@ -106,14 +100,9 @@ def correlation_curve(
     max_offset: float,
     width: float = QUICK_S,
 ) -> CorrelationCurve:
-    """Compute the agreement of tracks with the sensors of a scene for all offsets up to ``max_offset`` either way.
+    """Compute the agreement of tracks with the sensors of a scene for all offsets up to ``max_offset`` s either way.
 
-    Args:
-        scene: wearers and their sensors.
-        camera: camera of the tracks; its IMU is used if it moves.
-        tracks: bodies in the image.
-        max_offset: seconds.
-        width: of the smoothing Gaussian, seconds.
+    The IMU of a moving camera is used. ``width`` is that of the smoothing Gaussian, seconds.
     """
     lags = round(2 * max_offset * GRID_HZ) + 1
     offset: Array = (np.arange(lags, dtype=float) - (lags - 1) / 2) / GRID_HZ
@@ -162,7 +151,10 @@ def _limb_curves(
     scene: Scene, camera: Camera, track: ImageTrack, video: Array, imu: Array, width: float
 ) -> list[LimbCurve]:
     least_seconds = 2.0  # of common time that a limb must show
-    turned = camera_rotation(camera.mount, imu) if camera.moving and camera.mount is not None else None
+    mount = camera.mount
+    turned = rotations_on(mount.imu, imu) if camera.moving and mount is not None and mount.is_declared else None
+    if turned is not None and mount is not None:
+        turned = mount.R_camera_imu @ np.swapaxes(turned[0], -1, -2), turned[1]
     images: dict[tuple[int, int], Signal] = {}
     curves = []
     for number, recording in enumerate(scene.wearers):
@@ -200,7 +192,8 @@ def _camera_curve(camera: Camera, track: ImageTrack, video: Array, imu: Array, w
     stream = camera.mount.imu
     rate = interpolate_points(stream.time, camera.mount.imu.angular_rate, imu)
     turn = smoothed(rate, (imu >= stream.time[0]) & (imu <= stream.time[-1]), width)
-    image = middle_in_image(track, camera.model.focal, video, width)
+    # the body's middle, as a turning camera moves it, rad/s
+    image = image_rate(track.time, np.nanmedian(track.pixels, axis=1) / np.array(camera.model.focal), video, width)
     return np.maximum(_gain(image, [turn], width)[0], 0.0) if np.any(image.valid) else none
 
 

@@ -21,7 +21,6 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import CameraMount
 
 GRID_HZ = 60.0  # of all signals: twice a usual video's rate
 SHORTEST_TRACK_S = 2.0
@@ -154,12 +153,9 @@ def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, width: 
     """
     near, far = limb
     values = (track.pixels[:, far] - track.pixels[:, near]) / track.size[:, None]
-    return _rate(track.time, _without_jumps(values), grid, width)
-
-
-def middle_in_image(track: ImageTrack, focal: tuple[float, float], grid: Array, width: float) -> Signal:
-    """Rate ``(T, 2)`` in rad/s of the body's middle in the image, as a turning camera moves it."""
-    return _rate(track.time, np.nanmedian(track.pixels, axis=1) / np.array(focal), grid, width)
+    jump = np.flatnonzero(np.abs(np.diff(values, axis=0)).max(axis=1) > 0.25)  # of a limb: swapped sides
+    values[jump] = values[jump + 1] = np.nan
+    return image_rate(track.time, values, grid, width)
 
 
 def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
@@ -189,18 +185,6 @@ def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
     return directions
 
 
-def camera_rotation(mount: CameraMount, grid: Array) -> tuple[Array, np.ndarray] | None:
-    """Rotations ``R_camera_inertial`` ``(T, 3, 3)`` from the camera's IMU and their validity.
-
-    None without orientations or without a declared mounting.
-    """
-    turned = rotations_on(mount.imu, grid) if mount.is_declared else None
-    if turned is None:
-        return None
-    R_inertial_imu, valid = turned
-    return mount.R_camera_imu @ np.swapaxes(R_inertial_imu, -1, -2), valid
-
-
 def rotations_on(stream: ImuStream, grid: Array) -> tuple[Array, np.ndarray] | None:
     """Rotations ``R_inertial_sensor`` ``(T, 3, 3)`` on the grid (IMU time) and their validity; None if unavailable."""
     try:
@@ -227,7 +211,8 @@ def smoothed(values: Array, valid: np.ndarray, width: float) -> Signal:
     return Signal(np.where(valid[:, None], values, 0.0), valid)
 
 
-def _rate(time: Array, values: Array, grid: Array, width: float) -> Signal:
+def image_rate(time: Array, values: Array, grid: Array, width: float) -> Signal:
+    """Smoothed derivative on the grid of values ``(n, 2)`` at frames; frames with NaN are left out."""
     good = np.all(np.isfinite(values), axis=1)
     if good.sum() < 2:
         return Signal(np.zeros((len(grid), values.shape[1])), np.zeros(len(grid), bool))
@@ -243,16 +228,6 @@ def _near_samples(time: Array, grid: Array) -> np.ndarray:
     inside = (grid >= time[0]) & (grid <= time[-1])
     right = np.clip(right, 1, len(time) - 1) if len(time) > 1 else np.zeros_like(right)
     return inside & (time[right] - time[right - 1] <= longest_gap_s)
-
-
-def _without_jumps(values: Array) -> Array:
-    """Replace short jumps of a limb (swapped sides) by NaN."""
-    step = np.abs(values - np.roll(values, 1, axis=0)).max(axis=1)
-    jump = np.flatnonzero(step[1:] > 0.25) + 1
-    clean = values.copy()
-    for index in jump:
-        clean[index - 1 : index + 1] = np.nan
-    return clean
 
 
 def _axis(bone: str, p_parent_joint: Array) -> Array:

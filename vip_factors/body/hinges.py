@@ -19,24 +19,16 @@ OFFSET_SIGMA_DEG = 5.0
 
 @dataclass(frozen=True)
 class Hinge:
-    """Joint that turns about an axis fixed in the upper bone.
+    """Joint that turns about an axis fixed in the upper bone."""
 
-    Attributes:
-        joint: name of the joint.
-        axis: ``(3,)`` usual axis in the upper bone.
-        normals: ``(3, 2)`` directions of its tilts.
-        square: ``(3, n)`` directions in the lower bone that stay perpendicular to the axis: along the limb, and one
-            across it unless the lower bone can rotate about itself.
-        rows: rows of these directions among those of all hinges.
-        tilts: columns of the tilts among the variables of all hinges.
-    """
-
-    joint: str
-    axis: Array
-    normals: Array
+    joint: str  # name of the joint
+    axis: Array  # (3,) usual axis in the upper bone
+    normals: Array  # (3, 2) directions of its tilts
+    # (3, n) directions in the lower bone that stay perpendicular to the axis: along the limb, and one across it unless
+    # the lower bone can rotate about itself
     square: Array
-    rows: slice
-    tilts: slice
+    rows: slice  # rows of these directions among those of all hinges
+    tilts: slice  # columns of the tilts among the variables of all hinges
 
     @property
     def columns(self) -> np.ndarray:
@@ -105,17 +97,11 @@ LEAST_SIGMA = np.deg2rad(3.0)
 
 @dataclass(frozen=True)
 class HingeEstimate:
-    """Estimated axis of an elbow or a knee.
+    """Estimated axis of an elbow or a knee."""
 
-    Attributes:
-        joint: name of the joint.
-        variables: ``(n,)`` radians: two tilts of its axis, then an offset for each row (:data:`HINGES`).
-        covariance: ``(n, n)`` rad²; NaN if unknown.
-    """
-
-    joint: str
-    variables: Array
-    covariance: Array
+    joint: str  # name of the joint
+    variables: Array  # (n,) radians: two tilts of its axis, then an offset for each row (HINGES)
+    covariance: Array  # (n, n) rad²; NaN if unknown
 
     def __post_init__(self) -> None:
         if self.joint not in HINGE_OF:

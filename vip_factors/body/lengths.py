@@ -139,14 +139,10 @@ STRETCHED = tuple(joint_index(joint) for name in ("upper arm", "forearm", "thigh
 
 @dataclass(frozen=True)
 class BodyVariation:
-    """Linear changes of a skeleton with a Gaussian prior.
+    """Linear changes of a skeleton with a Gaussian prior."""
 
-    Attributes:
-        directions: ``(24, 3, B)`` derivatives of the joints' offsets by the lengths.
-        mean, whitening: ``(B,)`` metres and ``(B, B)`` per metre, of the prior.
-    """
-
-    directions: Array
+    directions: Array  # (24, 3, B) derivatives of the joints' offsets by the lengths
+    # mean, whitening: (B,) metres and (B, B) per metre, of the prior
     mean: Array
     whitening: Array
 

@@ -58,16 +58,11 @@ class PosePrior:
     """Gaussian over the joint rotations of a pose, with the residual ``whitening @ (x − mean)``.
 
     ``x`` is the stack of rotation vectors Log(R_parent_child) of joints 1 … 23, in radians (:func:`joint_vector`).
-
-    Attributes:
-        mean: ``(69,)`` radians.
-        whitening: ``(69, 69)`` per radian: ``L`` with ``Σ⁻¹ = Lᵀ L`` (thesis eq. 3.28).
-        provenance: one line: data, number of frames, what was held out.
     """
 
-    mean: Array
-    whitening: Array
-    provenance: str = "unknown"
+    mean: Array  # (69,) radians
+    whitening: Array  # (69, 69) per radian: L with Σ⁻¹ = Lᵀ L (thesis eq. 3.28).
+    provenance: str = "unknown"  # one line: data, number of frames, what was held out
 
     def residual(self, x: Array) -> Array:
         """Whitened deviation ``(..., 69)`` of joint vectors ``(..., 69)``: unit variance where the prior holds."""

@@ -52,19 +52,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class CorrelationCurve:
-    """Agreement over offsets.
+    """Agreement over offsets."""
 
-    Attributes:
-        offset: ``(L,)`` seconds to add to the video's times, evenly spaced.
-        gain: ``(L,)`` log-likelihood gain in nats, over all tracks.
-        tracks: for every track, the curves of all limbs of all wearers.
-        pairs: assignments of tracks to wearers.
-    """
-
-    offset: Array
-    gain: Array
-    tracks: Sequence[Sequence[LimbCurve]] = ()
-    pairs: tuple[Pair, ...] = ()
+    offset: Array  # (L,) seconds to add to the video's times, evenly spaced
+    gain: Array  # (L,) log-likelihood gain in nats, over all tracks
+    tracks: Sequence[Sequence[LimbCurve]] = ()  # for every track, the curves of all limbs of all wearers
+    pairs: tuple[Pair, ...] = ()  # assignments of tracks to wearers
 
     def limbs_at(self, index: int) -> list[LimbCurve]:
         """Limbs that agree at an offset, of all tracks that are assigned to a wearer."""

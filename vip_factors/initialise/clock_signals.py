@@ -28,17 +28,11 @@ SHORTEST_TRACK_S = 2.0
 
 @dataclass(frozen=True)
 class ImageTrack:
-    """One body in consecutive video frames.
+    """One body in consecutive video frames."""
 
-    Attributes:
-        time: ``(n,)`` seconds on the video's clock, increasing; frames without the body are absent.
-        pixels: ``(n, K, 2)``, NaN if a keypoint is not detected.
-        size: ``(n,)`` pixels, smoothed spread of the keypoints.
-    """
-
-    time: Array
-    pixels: Array
-    size: Array
+    time: Array  # (n,) seconds on the video's clock, increasing; frames without the body are absent
+    pixels: Array  # (n, K, 2), NaN if a keypoint is not detected
+    size: Array  # (n,) pixels, smoothed spread of the keypoints
 
 
 def simple_tracks(detections: Detections) -> list[ImageTrack]:

@@ -43,18 +43,13 @@ _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 @dataclass(frozen=True)
 class JointSignal:
-    """Acceleration of points on a sensor's bone as a linear function of the arm to the point.
+    """Acceleration of points on a sensor's bone as a linear function of the arm to the point."""
 
-    Attributes:
-        time: ``(T,)`` seconds, :data:`FINE` instants per step.
-        values: ``(T, 3, 4)``: the sensor's acceleration in its inertial frame in m/s², and the matrix that multiplies
-            the arm ``(3,)`` in the sensor's frame.
-        valid: ``(T,)`` mask of instants without missing samples.
-    """
-
-    time: Array
+    time: Array  # (T,) seconds, FINE instants per step
+    # (T, 3, 4): the sensor's acceleration in its inertial frame in m/s², and the matrix that multiplies the arm
+    # (3,) in the sensor's frame
     values: Array
-    valid: np.ndarray
+    valid: np.ndarray  # (T,) mask of instants without missing samples
 
     @cached_property
     def spline(self) -> "scipy.interpolate.BSpline":
@@ -230,18 +225,13 @@ DELAY_DEVIATIONS = 4.0  # standard deviations by which a delay must differ from 
 
 @dataclass(frozen=True)
 class SensorDelay:
-    """Delay of a sensor's samples.
+    """Delay of a sensor's samples."""
 
-    Attributes:
-        sensor: number of the sensor.
-        seconds, sigma: delay (negative: early) and its standard deviation.
-        rival: sensor that may have the opposite delay instead, or None.
-    """
-
-    sensor: int
+    sensor: int  # number of the sensor
+    # seconds, sigma: delay (negative: early) and its standard deviation
     seconds: float
     sigma: float
-    rival: int | None = None
+    rival: int | None = None  # sensor that may have the opposite delay instead, or None
 
 
 def sensor_delays(

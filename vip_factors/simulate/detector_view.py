@@ -71,15 +71,11 @@ def look(people: Sequence[Person], camera: CameraPath, model: CameraModel, keypo
     behind = np.zeros_like(hidden)
     for far, near in permutations(range(len(views)), 2):
         behind[far] |= views[far].hidden_by(views[near], is_self=False)
-    return View(
-        np.stack([view.pixels for view in views]),
-        np.stack([view.aimed for view in views]),
-        np.stack([view.height for view in views]),
-        np.stack([view.pelvis_depth for view in views]),
-        hidden,
-        behind,
-        np.stack([view.facing for view in views]),
+    pixels, aimed, height, depth, facing = (
+        np.stack([getattr(view, name) for view in views])
+        for name in ("pixels", "aimed", "height", "pelvis_depth", "facing")
     )
+    return View(pixels, aimed, height, depth, hidden, behind, facing)
 
 
 class _Seen:

@@ -8,7 +8,6 @@ Random processes, one value per sample of an evenly sampled stream, and events t
 """
 
 import zlib
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -51,16 +50,6 @@ SEGMENTS = {
 }
 
 
-@dataclass(frozen=True)
-class SensorSlide:
-    """Motion of a sensor on its bone, as splines over time, in the bone's axes: ``shift`` in metres, added to
-    ``p_bone_sensor``, and ``turn``, a rotation vector: ``R_bone_sensor ← Exp(turn) R_bone_sensor``.
-    """
-
-    shift: BSpline
-    turn: BSpline
-
-
 def sensor_slide(
     dense: DenseMotion,
     bone: int,
@@ -68,8 +57,12 @@ def sensor_slide(
     R_bone_sensor: Array,
     settings: SimulateSettings,
     random: np.random.Generator,
-) -> SensorSlide | None:
-    """How the sensor slides during the motion; None if the settings hold it still."""
+) -> tuple[BSpline, BSpline] | None:
+    """How the sensor slides during the motion; None if the settings hold it still.
+
+    Splines over time, in the bone's axes: a shift in metres, added to ``p_bone_sensor``, and a rotation vector:
+    ``R_bone_sensor ← Exp(turn) R_bone_sensor``.
+    """
     if not (settings.wobble or settings.skin):
         return None
     # Of a thigh, each axis; Leardini et al. 2005 report 5–30 mm. Muscles and skin follow the steps.
@@ -84,7 +77,7 @@ def sensor_slide(
     slow = settings.skin * smooth_process(random, count, float(step), share, skin_time_s, axes=6)
     shift = sprung + skin_m * slow[:, :3]
     turn = rocking + skin_rad * slow[:, 3:]
-    return SensorSlide(make_interp_spline(time, shift, 5), make_interp_spline(time, turn, 5))
+    return make_interp_spline(time, shift, 5), make_interp_spline(time, turn, 5)
 
 
 def _sprung(state: BoneKinematics, p_bone_sensor: Array, frequency: float, step: float) -> Array:
@@ -153,7 +146,9 @@ def simulate_sensor(
     offset = random["phase"].uniform() / settings.imu_rate if settings.phases else 0.0
     count = int(np.floor((dense.end - dense.start - offset) * settings.imu_rate + 1e-6)) + 1
     time = dense.start + offset + np.arange(count) / settings.imu_rate
-    R_bone_sensor, p_bone_sensor = _strapped(site, settings, random["mounting"])
+    turn, shift = random["mounting"].standard_normal((2, 3))
+    R_bone_sensor = site.R_bone_sensor @ exp(np.deg2rad(settings.mounting_error_deg) * turn)
+    p_bone_sensor = site.p_bone_sensor + settings.position_error_m * shift
     slide = sensor_slide(dense, site.bone_index, p_bone_sensor, R_bone_sensor, settings, random["slide"])
     R_world_sensor, force, rate = _ideal(dense.bone(site.bone_index, time), time, p_bone_sensor, R_bone_sensor, slide)
 
@@ -184,15 +179,8 @@ def _path(time: Array, heading: Array) -> tuple[Array, Array]:
     return time[samples], heading[samples]
 
 
-def _strapped(site: SensorSite, settings: SimulateSettings, random: np.random.Generator) -> tuple[Array, Array]:
-    """Where the sensor really sits: the site's mounting and position, each with its error."""
-    turn, shift = random.standard_normal((2, 3))
-    R_bone_sensor = site.R_bone_sensor @ exp(np.deg2rad(settings.mounting_error_deg) * turn)
-    return R_bone_sensor, site.p_bone_sensor + settings.position_error_m * shift
-
-
 def _ideal(
-    bone: BoneKinematics, time: Array, p_bone_sensor: Array, R_bone_sensor: Array, slide: SensorSlide | None
+    bone: BoneKinematics, time: Array, p_bone_sensor: Array, R_bone_sensor: Array, slide: tuple[BSpline, BSpline] | None
 ) -> tuple[Array, Array, Array]:
     """Orientation in the world, specific force and angular rate (sensor axes) of a perfect sensor on the bone."""
     rate_bone = _into(bone.R_world_bone, bone.rate)
@@ -201,9 +189,11 @@ def _ideal(
         R_world_sensor = bone.R_world_bone @ R_bone_sensor
         rate = rate_bone @ R_bone_sensor
     else:
-        shift = [slide.shift.derivative(k)(time) if k else slide.shift(time) for k in range(3)]
-        turn, turn_rate = slide.turn(time), slide.turn.derivative(1)(time)
-        _, _, acceleration = bone.point(p_bone_sensor + shift[0], shift[1], shift[2])
+        shift, turns = slide
+        turn, turn_rate = turns(time), turns.derivative(1)(time)
+        _, _, acceleration = bone.point(
+            p_bone_sensor + shift(time), shift.derivative(1)(time), shift.derivative(2)(time)
+        )
         R_world_sensor = bone.R_world_bone @ exp(turn) @ R_bone_sensor
         rate = _into(exp(turn), rate_bone) + np.einsum("nij,nj->ni", right_jacobian(turn), turn_rate)
         rate = rate @ R_bone_sensor

@@ -264,36 +264,28 @@ def _middle_of(people: Array) -> Array:
     return (low + high) / 2
 
 
-def _distance(people: Array, azimuth: float, settings: SceneSettings) -> float:
-    """From where the camera sees most of the action, or as far back as it can go."""
-    margin_m = 0.5  # beside the outermost pelvis, for arms
-    if settings.distance_m is not None:
-        return settings.distance_m
-    toward = np.array([np.cos(azimuth), np.sin(azimuth)])
-    away = (people.reshape(-1, 3) - _middle_of(people))[:, :2]
-    across, depth = away @ [-toward[1], toward[0]], away @ toward
-    focal = settings.model.focal[0]
-    wide = depth + (np.abs(across) + margin_m) * 2 * focal / settings.width
-    tall = 1.75 * focal / (FILL * settings.height)
-    return float(np.clip(max(np.quantile(wide, 0.95), tall), NEAREST_M, FARTHEST_M))
-
-
 def _stand(people: Array, everybody: Array, azimuth: float, settings: SceneSettings) -> Array:
-    """Where ``(3,)`` a standing camera is: at its distance, or as much farther as people need to pass."""
+    """Where ``(3,)`` a standing camera is.
+
+    At its given distance; otherwise from where it sees most of the action and people have room to pass.
+    """
+    margin_m = 0.5  # beside the outermost pelvis, for arms
     clearance_m = 1.5  # from a standing camera to anybody's pelvis
     tripod_height_m = 1.4  # of a tripod drawn out
     toward = np.array([np.cos(azimuth), np.sin(azimuth)])
-    middle = _middle_of(people)[:2]
+    middle, distance = _middle_of(people), settings.distance_m
+    if distance is None:
+        away = (people.reshape(-1, 3) - middle)[:, :2]
+        across, depth = away @ [-toward[1], toward[0]], away @ toward
+        focal = settings.model.focal[0]
+        wide = depth + (np.abs(across) + margin_m) * 2 * focal / settings.width
+        tall = 1.75 * focal / (FILL * settings.height)
+        distance = float(np.clip(max(np.quantile(wide, 0.95), tall), NEAREST_M, FARTHEST_M))
+        ground = everybody.reshape(-1, 3)[:, :2] - middle[:2]
+        while np.nanmin(np.linalg.norm(ground - distance * toward, axis=1)) < clearance_m and distance < 2 * FARTHEST_M:
+            distance += 0.25
     height = tripod_height_m if settings.camera == "fixed" else HAND_HEIGHT_M
-    ground = everybody.reshape(-1, 3)[:, :2]
-    distance = _distance(people, azimuth, settings)
-    while (
-        settings.distance_m is None
-        and np.nanmin(np.linalg.norm(ground - middle - distance * toward, axis=1)) < clearance_m
-        and distance < 2 * FARTHEST_M
-    ):
-        distance += 0.25
-    return np.array([*(middle + distance * toward), height])
+    return np.array([*(middle[:2] + distance * toward), height])
 
 
 def _following(

@@ -82,9 +82,6 @@ def single_people(
     return DetectedPeople(np.where(is_detected[..., None], pixels, np.nan), np.where(is_detected, confidence, 0.0))
 
 
-GROUPS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", "heel", "toe")}
-
-
 def swapped_sides(
     people: DetectedPeople,
     view: View,
@@ -101,7 +98,8 @@ def swapped_sides(
     from_front, from_side, from_back = 0.005, 0.04, 0.02
     share = np.where(view.facing > front, from_front, np.where(view.facing < back, from_back, from_side))
     pixels, confidence = people.pixels.copy(), people.confidence.copy()
-    for words in GROUPS.values():
+    arms, legs = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "heel", "toe")
+    for words in (arms, legs):
         group = np.array([any(word in name for word in words) for name in keypoints.keypoints])
         chance = lasting_chance(random, F, step, EVENT_S, P).T
         swapped = chance < settings.swapped * share
@@ -133,7 +131,9 @@ def mixed_people(
     limb = _limbs(keypoints)
     pixels, confidence = people.pixels.copy(), people.confidence.copy()
     absent = np.zeros((P, F), bool)
-    middle = _middles(view)
+    finite = np.all(np.isfinite(view.aimed), axis=3)
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN without keypoints
+        middle = np.where(finite[..., None], view.aimed, 0.0).sum(axis=2) / finite.sum(axis=2)[..., None]
     for a, b in combinations(range(P), 2):
         chances = lasting_chance(random, F, step, EVENT_S, 2)
         is_exchanged_limb = lasting_chance(random, F, step, EVENT_S, int(limb.max()) + 1) < second_share
@@ -200,14 +200,6 @@ def _limbs(keypoints: KeypointSet) -> np.ndarray:
             if any(word in name for word in words):
                 number[k] = 1 + 2 * limb + (name.startswith("right"))
     return number
-
-
-def _middles(view: View) -> Array:
-    """Middle ``(P, F, 2)`` of each person's keypoints, NaN if there are none."""
-    finite = np.all(np.isfinite(view.aimed), axis=3)
-    total = np.where(finite[..., None], view.aimed, 0.0).sum(axis=2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(total / finite.sum(axis=2)[..., None])
 
 
 def detect(

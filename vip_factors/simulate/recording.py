@@ -191,9 +191,8 @@ def _ideal(
     else:
         shift, turns = slide
         turn, turn_rate = turns(time), turns.derivative(1)(time)
-        _, _, acceleration = bone.point(
-            p_bone_sensor + shift(time), shift.derivative(1)(time), shift.derivative(2)(time)
-        )
+        moved = p_bone_sensor + shift(time)
+        _, _, acceleration = bone.point(moved, shift.derivative(1)(time), shift.derivative(2)(time))
         R_world_sensor = bone.R_world_bone @ exp(turn) @ R_bone_sensor
         rate = _into(exp(turn), rate_bone) + np.einsum("nij,nj->ni", right_jacobian(turn), turn_rate)
         rate = rate @ R_bone_sensor

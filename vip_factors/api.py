@@ -3,7 +3,7 @@
 A recording of one wearer and a filmed scene of several are both a :class:`~vip_factors.sensors.scene.Scene` here, so
 that one set of functions does. Commands of the same names call what these call.
 
-With ``overwrite`` files that exist are replaced. What cannot be read, used or written raises an
+Functions that write replace existing files only with ``overwrite``. What cannot be read, used or written raises an
 :class:`~vip_factors.errors.InputError` (or a kind of it), whose message says what was expected.
 """
 
@@ -145,7 +145,6 @@ def detect(
         video: file (.mp4, .mov …).
         settings: detector and tracking.
         out: optional file (.json) for the poses, which ``convert`` and ``run`` read.
-        overwrite: whether ``out`` may be replaced.
         progress: callback with the name of the stage and the fraction that is done.
     """
     from vip_factors.detect.video import detect_people
@@ -228,10 +227,8 @@ def simulate(
         Performer(who, wearer, preset(placement, wearer.skeleton), initial_pose)
         for who, wearer in zip(called, wearers, strict=True)
     ]
-    passing_staged = staged(passing, seed + 1, wearers, BYSTANDER_REACH_M)
-    performers += [
-        Performer(f"bystander_{number}", bystander) for number, bystander in enumerate(passing_staged, start=1)
-    ]
+    for number, bystander in enumerate(staged(passing, seed + 1, wearers, BYSTANDER_REACH_M), start=1):
+        performers.append(Performer(f"bystander_{number}", bystander))
     return simulate_scene(performers, replace(settings, camera=camera), seed, name)
 
 
@@ -282,7 +279,6 @@ def gait(
         recording: the recording behind it; foot sensors give more accurate events and lengths than the motion.
         count: unsteady strides that count in the means as well: ``start``, ``stop``, ``turn``, ``pause``.
         out: optional folder for tables, JSON and a picture.
-        overwrite: whether files in ``out`` may be replaced.
 
     Example:
         >>> (walk,) = vip.gait(estimate, scene)
@@ -306,7 +302,6 @@ def repetitions(
     Args:
         estimate: of one or several wearers.
         out: optional folder for a table, JSON and a picture.
-        overwrite: whether files in ``out`` may be replaced.
 
     Example:
         >>> [len(wearer.repetitions) for wearer in vip.repetitions(estimate)]
@@ -329,7 +324,6 @@ def export(
         estimate: of one or several wearers.
         path: the file; formats for one person get one file per wearer.
         settings: format options.
-        overwrite: whether files may be replaced.
 
     Example:
         >>> [path.name for path in vip.export(estimate, "walk.bvh")]
@@ -358,7 +352,6 @@ def report(
         path: the page.
         recording: the recording behind it; the page then covers sensors and video as well.
         truth: recording that holds the truth, if ``recording`` does not.
-        overwrite: whether files may be replaced.
         video: True for films (.mp4) of skeletons over the recording's own videos, or video files, one for each camera.
         video_height: height of the film in pixels.
         video_seconds: first and last second of the recording in the film; None for all of it.
@@ -370,17 +363,8 @@ def report(
     from vip_factors.report.page import write_report
 
     scene, true = (None if source is None else as_scene(source) for source in (recording, truth))
-    write_report(
-        as_estimate(estimate),
-        path,
-        scene,
-        true,
-        overwrite,
-        None,
-        video,
-        video_height=video_height,
-        video_seconds=video_seconds,
-    )
+    content = as_estimate(estimate), path, scene, true, overwrite, None, video
+    write_report(*content, video_height=video_height, video_seconds=video_seconds)
     return Path(path)
 
 
@@ -449,7 +433,6 @@ def picture(
         recording: the recording behind an estimate; sensors, video and truth are drawn as well.
         title: title of the picture.
         poses: number of poses, evenly spaced in time.
-        overwrite: whether the file may be replaced.
 
     Example:
         >>> vip.picture(estimate, "walk.png", scene).name
@@ -464,10 +447,7 @@ def picture(
     if scene is not None and scene.camera is not None and not isinstance(shown, WearerEstimate | Motion):
         drawn = drawn_scene(scene, estimate)
     else:
-        wearer, recording_of_wearer = (
-            None if estimate is None else estimate.wearer(),
-            None if scene is None else scene.wearers[0],
-        )
-        drawn = drawn_wearer(recording_of_wearer, wearer)
+        wearer = None if estimate is None else estimate.wearer()
+        drawn = drawn_wearer(None if scene is None else scene.wearers[0], wearer)
     filmstrip(drawn, Path(path), frames=poses, title=title, overwrite=overwrite)
     return Path(path)

@@ -88,7 +88,10 @@ def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCa
         InputError: with the step's name, if it fails by what the user can mend.
     """
     path = folder / f"{step.name.replace(' ', '_')}.json"
-    record = _read_record(path)
+    try:
+        record = msgspec.json.decode(path.read_bytes(), type=_Record)
+    except (OSError, ValueError, RecursionError):  # there is none, or the file is another program's
+        record = None
     if record is not None and _is_fresh(step, record):
         return Result(tuple(map(Path, record.files)), tuple(record.lines))
     begin = time.perf_counter()
@@ -105,14 +108,6 @@ def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCa
     folder.mkdir(parents=True, exist_ok=True)
     path.write_bytes(msgspec.json.format(msgspec.json.encode(record)) + b"\n")
     return replace(result, seconds=time.perf_counter() - begin)
-
-
-def _read_record(path: Path) -> _Record | None:
-    """Read the record of an earlier step; None if there is none, or the file is another program's."""
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=_Record)
-    except (OSError, ValueError, RecursionError):  # the last of brackets in brackets
-        return None
 
 
 def _is_fresh(step: Step, record: _Record) -> bool:
@@ -237,7 +232,6 @@ def steps(options: RunOptions, map_fn: "MapFn" = map) -> Iterator[Step]:
 
 
 def _detections(cameras: Sequence[CameraOptions], detector: DetectSettings, overlay: bool) -> Iterator[Step]:
-    """The 2D poses of each camera's video."""
     for camera in cameras:
         assert camera.video is not None
         assert camera.detections is not None
@@ -317,9 +311,7 @@ def smooth_file(
     Args:
         recordings: the file, or parts of the same recording that follow in time.
         out: file to write.
-        settings: of the reconstruction.
-        progress: called with the name of a stage and the fraction of it that is done.
-        map_fn: maps a function over windows, in other processes say.
+        settings, progress, map_fn: as of :func:`vip_factors.pipeline.smooth_chunks`.
         overwrite: whether the file may be replaced.
 
     Returns:

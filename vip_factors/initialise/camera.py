@@ -216,9 +216,7 @@ def camera_mounting(R_world_camera: Array, R_inertial_imu: Array) -> tuple[Array
 
     If the camera only turns about the vertical, mounting and heading are not determined separately.
 
-    Args:
-        R_world_camera: ``(n, 3, 3)``, the world's z up.
-        R_inertial_imu: ``(n, 3, 3)`` at the same instants.
+    ``R_world_camera`` and ``R_inertial_imu`` are ``(n, 3, 3)`` at the same instants, the world's z up.
     """
     scale = np.deg2rad(10.0)  # Cauchy scale: usual error of PnP on an inertial skeleton
     weights = np.ones(len(R_world_camera))

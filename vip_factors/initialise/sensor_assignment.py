@@ -43,10 +43,8 @@ def exchanged_sensors(
 ) -> tuple[Exchange, ...]:
     """Find exchanges that explain a recording better, greedily; each assumes the previous ones.
 
-    Args:
-        signals: of ``S`` sensors; None for unusable sensors.
-        links: pairs of sensors on bones that share a joint, as placed.
-        least: smallest gain in nats.
+    ``signals`` are None for unusable sensors, ``links`` pairs of sensors on bones that share a joint, as placed;
+    ``least`` is the smallest gain in nats.
     """
     cost = _pair_costs(signals)
     of, exchanges = list(range(len(signals))), list[Exchange]()  # sensor at each site
@@ -117,11 +115,8 @@ TURN_FRAMES, WINDOW_FRAMES = 2, 100  # for comparing rotations; short against th
 def spread_between(R_a: Array, R_b: Array, step: float) -> tuple[float, float]:
     """Relative rotation of two sensors, RMS in radians about its mean over five seconds, for any calibration.
 
-    Also returns the angular speed of the slower one, rad/s. NaN in less than five seconds.
-
-    Args:
-        R_a, R_b: ``(T, 3, 3)`` orientations in inertial frames, all valid.
-        step: seconds between frames.
+    Also returns the angular speed of the slower one, rad/s. NaN in less than five seconds. ``R_a`` and ``R_b``
+    ``(T, 3, 3)`` are orientations in inertial frames, all valid, every ``step`` seconds.
     """
     turns = [log(transpose(R[:-TURN_FRAMES]) @ R[TURN_FRAMES:]) for R in (R_a, R_b)]
     between = R_a @ nearest_rotation(turns[0].T @ turns[1]) @ transpose(R_b)

@@ -9,7 +9,7 @@ shifts of up to some seconds are tried there. Strides repeat, so a shift has to 
 over all joints of the sensor.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -234,15 +234,22 @@ class SensorDelay:
     rival: int | None = None  # sensor that may have the opposite delay instead, or None
 
 
+def _joined(
+    signals: Sequence[JointSignal | None], links: Sequence[Link]
+) -> Iterator[tuple[Link, JointSignal, JointSignal]]:
+    """Links across one joint, with the signals of parent and child."""
+    for link in links:
+        parent, child = signals[link.parent], signals[link.child]
+        if link.p_parent is not None and parent is not None and child is not None:
+            yield link, parent, child
+
+
 def sensor_delays(
     signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link]
 ) -> tuple[SensorDelay, ...]:
-    """Find delayed sensors, fewer than half of all.
+    """Find delayed sensors, fewer than half of all, from ``signals`` (None for unusable sensors) and their bones.
 
-    Args:
-        signals: of ``S`` sensors; None for unusable sensors.
-        bones: of ``S`` sensors.
-        links: of the sensor tree; links with a free limb in between are not used.
+    Links of the sensor tree with a free limb in between are not used.
     """
     ranges = [(signal.time[0], signal.time[-1]) for signal in signals if signal is not None]
     start, end = max((t for t, _ in ranges), default=0.0), min((t for _, t in ranges), default=0.0)
@@ -251,10 +258,7 @@ def sensor_delays(
     limb_sigma, trunk_sigma = 0.0055, 0.009
     signals = [None if signal is None else signal.cut(start + spare, end - spare) for signal in signals]
     ends, delay, sigma = [], [], []
-    for link in links:
-        parent, child = signals[link.parent], signals[link.child]
-        if link.p_parent is None or parent is None or child is None:
-            continue
+    for link, parent, child in _joined(signals, links):
         estimate = link_delay(parent, child)
         if estimate is not None:
             ends.append((link.parent, link.child))
@@ -267,10 +271,8 @@ def sensor_delays(
 def fewest_delays(sensors: int, ends: Sequence[tuple[int, int]], delay: Array, sigma: Array) -> tuple[SensorDelay, ...]:
     """Choose delayed sensors greedily by the decrease of the cost.
 
-    Args:
-        sensors: number of sensors.
-        ends: parent and child of ``L`` links.
-        delay, sigma: ``(L,)`` seconds, of the child relative to the parent.
+    ``ends`` are parent and child of ``L`` links, ``delay`` and ``sigma`` ``(L,)`` seconds of the child relative to the
+    parent.
     """
     if not len(delay):
         return ()
@@ -289,12 +291,6 @@ def fewest_delays(sensors: int, ends: Sequence[tuple[int, int]], delay: Array, s
             break
         late.append(sensor)
         rivals[sensor] = next((s for s in other_sensors[:1] if cost[s] - cost[sensor] < threshold / 4), None)
-    return _significant_delays(late, rivals, rows, wanted)
-
-
-def _significant_delays(
-    late: Sequence[int], rivals: Mapping[int, int | None], rows: Array, wanted: Array
-) -> tuple[SensorDelay, ...]:
     if not late:
         return ()
     information = rows[:, late].T @ rows[:, late]
@@ -306,8 +302,6 @@ def _significant_delays(
 
 
 def _cost(rows: Array, wanted: Array) -> float:
-    if rows.shape[1] == 0:
-        return float(wanted @ wanted)
     solution = np.linalg.lstsq(rows, wanted, rcond=None)[0]
     return float(np.sum((wanted - rows @ solution) ** 2))
 
@@ -318,9 +312,7 @@ LONGEST_S = 2.5  # largest jump
 def clock_step(signals: Sequence[JointSignal | None], links: Sequence[Link]) -> tuple[int, float] | None:
     """Find a sensor whose clock has jumped before a recording's end; returns it and its delay there in seconds.
 
-    Args:
-        signals: of ``S`` sensors; None for unusable sensors.
-        links: of the sensor tree; links with a free limb in between are not used.
+    Arguments are those of :func:`sensor_delays`.
     """
     sure = 10.0  # nats, least gain of a shift; recordings without a jump have at most 7
     near_s = 0.15  # smaller shifts are delays
@@ -330,10 +322,7 @@ def clock_step(signals: Sequence[JointSignal | None], links: Sequence[Link]) -> 
     looked_at = min(end_s, (end - start) / 3)
     steps = np.arange(*np.ceil((end - LONGEST_S - np.array([looked_at, 0.0])) / STEP).astype(int))
     gains = np.zeros((len(signals), len(SHIFTS)))
-    for link in links:
-        parent, child = signals[link.parent], signals[link.child]
-        if link.p_parent is None or parent is None or child is None:
-            continue
+    for link, parent, child in _joined(signals, links):
         share = shift_shares(parent, child, steps)
         if share is None:
             continue

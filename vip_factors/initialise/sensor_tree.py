@@ -53,11 +53,7 @@ def sensor_tree(
 ) -> tuple[Link, ...]:
     """Build the links, parents first; the first one's parent is the root.
 
-    Args:
-        bones: of the ``S`` sensors.
-        p_bone_sensor: ``(S, 3)`` metres.
-        skeleton, prior, limits: the body.
-        sigma: radians, uncertainty of a sensor's mounting relative to the bone.
+    ``p_bone_sensor`` is ``(S, 3)`` metres, ``sigma`` the uncertainty of a sensor's mounting on its bone in radians.
     """
     order = sorted(range(len(bones)), key=lambda s: (len(ancestors(bones[s])), s))
     covariance, links = np.asarray(np.linalg.inv(prior.information), float), []

@@ -100,11 +100,9 @@ class Candidates:
 
 
 def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> Candidates:
-    """Make a grid of headings with the mountings that follow from the declared pose.
+    """Make a grid of headings with the mountings that follow from a declared pose.
 
-    Args:
-        usual: calibration with the bones in that pose.
-        R_inertial_sensor: ``(S, 3, 3)`` orientations in the pose.
+    ``usual`` has the bones in that pose, in which the sensors' orientations are ``(S, 3, 3)``.
     """
     assert usual.R_world_bone is not None
     headings = _around(float(usual.headings[0]))
@@ -115,17 +113,15 @@ def declared_candidates(usual: InitialCalibration, R_inertial_sensor: Array) -> 
 def placed_candidates(
     R_placed: Array, limbs: Array, up_sensor: Array, first_heading: float = 0.0
 ) -> tuple[Candidates, tuple[int, ...]]:
-    """Make a grid of headings with the placed mountings and their quarter turns that keep bones upright.
+    """Make a grid of headings with the placed mountings ``(S, 3, 3)`` and their quarter turns that keep bones upright.
+
+    Also returns the numbers of sensors without an upright quarter turn. These get upright mountings near the placed
+    one, rotated about the limb.
 
     Args:
-        R_placed: ``(S, 3, 3)`` mountings.
         limbs: ``(S, 3)`` unit vectors along the bones, in their axes.
         up_sensor: ``(S, 3)``, mean vertical in the sensor's axes for bones that are upright on average; NaN for others.
         first_heading: first heading of the grid, radians.
-
-    Returns:
-        The candidates, and the numbers of sensors without an upright quarter turn. These get upright mountings near
-        the placed one, rotated about the limb.
     """
     turns = 8  # about the limb, of a sensor without an upright quarter turn
     outwards = 0.75  # largest component of the sensor's z axis along the limb

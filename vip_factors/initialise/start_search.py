@@ -81,10 +81,8 @@ class StartSearch:
     ) -> Starts:
         """Find the likeliest start.
 
-        Args:
-            usual: start from placement and low-passed motion, with bones in the declared pose, if any.
-            R_inertial_at_pose: ``(S, 3, 3)`` orientations of the sensors in the declared pose.
-            competitors: further starts, used without a declared pose.
+        ``usual`` follows from placement and low-passed motion, with bones in the declared pose, if any; in it sensors
+        have the orientations ``(S, 3, 3)``. Without it, ``competitors`` are further starts.
         """
         if usual.R_world_bone is not None:
             grid = declared_candidates(usual, R_inertial_at_pose)
@@ -235,7 +233,9 @@ class StartSearch:
                 near += [(start, turned)] if behind < SETTLED_NATS else []
                 rival, margin = (start.hypothesis, behind) if behind < margin else (rival, margin)
         for s, costs in enumerate(minimum.marginals):
-            off = _candidate_differences(grid, s, *minimum.choice[s]) > different
+            mountings, headings, (k, m) = grid.R_bone_sensor[s], grid.headings[s], minimum.choice[s]
+            is_turned = np.abs(wrap_angle(headings - headings[k])) > different
+            off = (angle_between(mountings[k, m], mountings) > different) | is_turned[:, None]
             behind = float(np.min(costs[off], initial=np.inf)) - minimum.cost
             if behind < SETTLED_NATS:
                 alternative = self._minimum(grid, pairs, (hypothesis,), (s, off), marginals=False)
@@ -263,12 +263,6 @@ def _differences(calibration_a: InitialCalibration, calibration_b: InitialCalibr
     common = np.angle(np.exp(1j * off).mean())
     turns = angle_between(calibration_a.R_bone_sensor, calibration_b.R_bone_sensor)
     return np.maximum(turns, np.abs(wrap_angle(off - common)))
-
-
-def _candidate_differences(grid: Candidates, s: int, heading: int, mounting: int) -> Array:
-    """Differences ``(K, M)`` of a sensor's candidates from one of them, radians."""
-    off = angle_between(grid.R_bone_sensor[s][heading, mounting], grid.R_bone_sensor[s])
-    return np.maximum(off, np.abs(wrap_angle(grid.headings[s] - grid.headings[s, heading]))[:, None])
 
 
 def _heading_sigma(grid: Candidates, minimum: TreeMinimum) -> Array:

@@ -1,11 +1,13 @@
-"""An estimate of any length, made and handed on in chunks of consecutive frames, and put together again."""
+"""An estimate of any length in chunks of consecutive frames."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.sensors.camera import CameraPath
 
 
@@ -44,6 +46,23 @@ class EstimateChunks:
             iter([replace(estimate, wearers=without, reports=())]),
             tuple(len(camera.path) for camera in estimate.cameras),
         )
+
+    @classmethod
+    def apart(cls, name: str, estimates: "Sequence[EstimateChunks]") -> "EstimateChunks":
+        """Combine the estimates of wearers without a common world into one named ``name``; frames run side by side."""
+        wearers = tuple(estimate.head.wearer() for estimate in estimates)
+        findings = tuple(finding for wearer in wearers for finding in wearer.findings)
+        if len(wearers) > 1:
+            findings = (*findings, Finding("apart"))
+        head = replace(estimates[0].head, name=name, wearers=wearers, findings=findings)
+        ended = [Estimate.of_one(replace(wearer, reports=())) for wearer in wearers]
+
+        def chunks() -> Iterator[Estimate]:
+            for several in zip_longest(*(estimate.chunks for estimate in estimates)):
+                chunk = [(chunk_or_end or end).wearer() for chunk_or_end, end in zip(several, ended, strict=True)]
+                yield replace(head, wearers=tuple(chunk))
+
+        return cls(head, tuple(estimate.frames[0] for estimate in estimates), chunks())
 
     def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
         """Return the chunks with a function applied to the head and to every chunk."""

@@ -22,7 +22,7 @@ from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene, as_scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource, UnfilmedSource
-from vip_factors.settings import Settings, flatten
+from vip_factors.settings import Settings
 from vip_factors.stages.calibrate import calibrate
 from vip_factors.stages.fusion import fusion_problem
 from vip_factors.stages.fusion_start import FusionStart
@@ -41,6 +41,8 @@ from vip_factors.terms.registry import unfilmed_problem
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
 
 DEFAULT = Settings()
+# NumPy multiplies thousands of small matrices: a second thread costs more than it brings.
+ONE_BLAS_THREAD = {"limits": 1, "user_api": "blas"}
 
 
 def smooth(
@@ -89,20 +91,20 @@ def smooth_chunks(
         InputError, RecordingError, SolveError: as :func:`smooth`; also as chunks are asked for.
     """
     extra = None if extra_factors is None else UserTerms(extra_factors)
-    with _one_blas_thread():
-        source, about_pauses = with_pauses(source, settings)
+    with threadpool_limits(**ONE_BLAS_THREAD):
+        source, pause_findings = with_pauses(source, settings)
         source, findings, starts = with_sensors_assigned(source, settings, coarse_times(source, settings))
-        estimate = _smooth_all(source, findings, starts, settings, progress or silent, extra, map_fn)
+        estimate = _smooth_checked(source, findings, starts, settings, progress or silent, extra, map_fn)
 
     def reported(chunk: Estimate) -> Estimate:
-        chunk = replace(chunk, findings=(*about_pauses, *chunk.findings))
+        chunk = _with_findings(chunk, pause_findings)
         return with_model_errors(chunk, settings) if settings.model_errors else chunk
 
     estimate = estimate.changed(reported)
     return replace(estimate, chunks=_in_one_thread(estimate.chunks))
 
 
-def _smooth_all(
+def _smooth_checked(
     source: SceneSource,
     findings: tuple[Finding, ...],
     starts: Sequence[WearerStart | None],
@@ -111,16 +113,13 @@ def _smooth_all(
     extra: UserTerms | None,
     map_fn: MapFn,
 ) -> EstimateChunks:
-    """All wearers before the cameras, or each by itself where these show nobody; with ``findings`` before others."""
+    """Smooth all wearers in front of the cameras, or each by itself if these show nobody; prepend ``findings``."""
     if source.head.camera is not None and settings.fusion.use_camera:
         filmed = _smooth_scene(source, starts, settings, on_progress, extra, map_fn)
         if isinstance(filmed, EstimateChunks):
-            return filmed.changed(lambda chunk: replace(chunk, findings=(*findings, *chunk.findings)))
-        findings = (
-            *findings,
-            *filmed,
-            Finding("video unused", words={"reason": "no wearer was found in it, the estimate is of the IMUs alone"}),
-        )
+            return filmed.changed(lambda chunk: _with_findings(chunk, findings))
+        reason = "no wearer was found in it, the estimate is of the IMUs alone"
+        findings = (*findings, *filmed, Finding("video unused", words={"reason": reason}))
     if extra is not None and len(source.wearers) > 1:
         raise InputError(
             "extra factors between several wearers need a camera that sees them; without one the wearers share no world"
@@ -131,7 +130,7 @@ def _smooth_all(
         estimate = _smooth_scene(wearer_source, (start,), settings, on_progress, extra, map_fn)
         assert isinstance(estimate, EstimateChunks)
         estimates.append(estimate)
-    return _together(source.head.name, estimates, findings, settings)
+    return EstimateChunks.apart(source.head.name, estimates).changed(lambda chunk: _with_findings(chunk, findings))
 
 
 def _smooth_scene(
@@ -142,7 +141,7 @@ def _smooth_scene(
     extra: UserTerms | None,
     map_fn: MapFn,
 ) -> EstimateChunks | tuple[Finding, ...]:
-    """Wearers before cameras, or one whom no camera sees; findings, if the cameras show nobody whom they know."""
+    """Smooth wearers in front of cameras, or one wearer; return findings if the cameras show none of the wearers."""
     plan = plan_windows(source, settings, single_window=extra is not None)
     calibration = calibrate(source, plan, settings, on_progress, extra, starts)
     if isinstance(calibration, tuple):
@@ -154,34 +153,14 @@ def _smooth_scene(
     return join(windows, calibrated, source, plan, on_progress)
 
 
-def _together(
-    name: str, estimates: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
-) -> EstimateChunks:
-    """Estimates of wearers who have no world in common, as one."""
-    wearers = tuple(estimate.head.wearer() for estimate in estimates)
-    findings = (*findings, *(finding for wearer in wearers for finding in wearer.findings))
-    if len(wearers) > 1:
-        findings = (*findings, Finding("apart"))
-    head = Estimate(name, wearers[0].method, wearers, findings=findings, settings=flatten(settings))
-    ended = [Estimate.of_one(replace(wearer, reports=())) for wearer in wearers]
-
-    def chunks() -> Iterator[Estimate]:
-        for several in zip_longest(*(estimate.chunks for estimate in estimates)):
-            chunk = [(chunk_or_end or end).wearer() for chunk_or_end, end in zip(several, ended, strict=True)]
-            yield replace(head, wearers=tuple(chunk))
-
-    return EstimateChunks(head, tuple(estimate.frames[0] for estimate in estimates), chunks())
+def _with_findings(chunk: Estimate, findings: tuple[Finding, ...]) -> Estimate:
+    """Prepend findings."""
+    return replace(chunk, findings=(*findings, *chunk.findings))
 
 
 def _in_one_thread(chunks: Iterator[Estimate]) -> Iterator[Estimate]:
-    with _one_blas_thread():
+    with threadpool_limits(**ONE_BLAS_THREAD):
         yield from chunks
-
-
-def _one_blas_thread() -> threadpool_limits:
-    """NumPy multiplies thousands of small matrices here: a second thread in each product costs more than it brings,
-    and twice the time where another program wants the core."""
-    return threadpool_limits(limits=1, user_api="blas")
 
 
 def factor_graph(

@@ -30,7 +30,7 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.stages.association import CameraPlacement, associate_cameras, associate_cameras_again, usable_cameras
-from vip_factors.stages.decode import SharedCovariance, motion_of
+from vip_factors.stages.decode import SharedCovariance
 from vip_factors.stages.fusion import FusionSolution, fusion_problem
 from vip_factors.stages.fusion_start import start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames
@@ -202,7 +202,7 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
     (recording,) = scene.wearers
     solver = Solver(settings.solve, lambda stage, done: None)
     true = _true(recording, _frames_with_truth(scene, recording, settings), settings)
-    motion = motion_of(true.model, true.state)
+    motion = true.motion
     associated = usable_cameras(associate_cameras(scene, [true], settings, lambda done: on_progress(0.5 * done)))
     if not associated:
         return None

@@ -15,7 +15,6 @@ from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import CommonSettings
-from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import InertialSolution, calibrate_inertial
 from vip_factors.stages.solver import Solver
 
@@ -53,7 +52,7 @@ def associate_cameras(
 
     ``previous`` is an earlier association of the same scene with other motions, if any.
     """
-    associated, motions = [], [motion_of(wearer.model, wearer.state) for wearer in wearers]
+    associated, motions = [], [wearer.motion for wearer in wearers]
     for number, camera in enumerate(scene.cameras):
         detections = camera.timed_detections
         association = associate(
@@ -249,5 +248,5 @@ def _better_start(
 def _hypothesis_cameras(camera: AssociatedCamera, number: int, inertial: InertialSolution) -> Hypotheses:
     """Hypothesis cameras of a motion for the detections assigned to a wearer."""
     detections = camera.detections.select(camera.association.wearer == number)
-    points = wearer_points(motion_of(inertial.model, inertial.state), detections.keypoints, detections.time)
+    points = wearer_points(inertial.motion, detections.keypoints, detections.time)
     return hypotheses(detections, camera.camera.model.normalise(detections.pixels), [points])

@@ -1,12 +1,11 @@
 """Conversion of a solved state to an estimate."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import SolveError
 from vip_factors.estimate import CameraEstimate, PoseCovariance, WearerEstimate
@@ -17,7 +16,10 @@ from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.variables import camera_owner
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera import CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraPath
+from vip_factors.stages.association import AssociatedCamera
+from vip_factors.stages.fusion import FusionSolution
+from vip_factors.stages.inertial import InertialSolution
 from vip_factors.stages.solver import Solver
 from vip_factors.terms import acceleration, orientation
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
@@ -32,7 +34,7 @@ def decode(
     settings: Mapping[str, str] | None = None,
 ) -> WearerEstimate:
     """Convert a state to a wearer's estimate."""
-    motion, sensors = motion_of(model, state), model.frames.sensors
+    motion, sensors = InertialSolution(model, state).motion, model.frames.sensors
     calibration = {sensor: _calibration(model, state, s) for s, sensor in enumerate(sensors)}
     return WearerEstimate(
         model.name, method, motion, calibration, covariance, residuals(model, state), sensors, settings=settings or {}
@@ -50,12 +52,6 @@ def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> Senso
     time = np.insert(model.heading_times, np.repeat(steps + 1, 2), model.restarts.ravel())
     path = np.insert(path, np.repeat(steps + 1, 2), np.stack([path[steps], path[steps + 1]], axis=1).ravel())
     return SensorCalibration(heading, R_bone_sensor, heading_time=time, heading_path=path, bone=bone)
-
-
-def motion_of(model: WearerProblem, state: WearerState) -> Motion:
-    """Convert a state to a motion."""
-    rate, start = 1 / model.frames.step, float(model.frames.time[0])
-    return Motion(model.skeleton, state.R_parent_child, state.p_world_pelvis, rate, start, model.name)
 
 
 def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
@@ -149,37 +145,37 @@ class SharedCovariance:
         return None if covariance is None else np.sqrt(np.diag(covariance))
 
 
-def decode_wearers(
-    model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
-) -> tuple[WearerEstimate, ...]:
-    """Convert the state of a scene to an estimate of each wearer."""
-    poses = covariance.wearers if covariance is not None else [None] * len(model.wearers)
-    return tuple(decode("VIP", *arguments) for arguments in zip(model.wearers, state.wearers, poses, strict=True))
+def decode_wearers(solution: FusionSolution, covariance: SceneCovariance | None) -> tuple[WearerEstimate, ...]:
+    """Convert the solution of a scene to an estimate of each wearer."""
+    poses = covariance.wearers if covariance is not None else [None] * len(solution.wearers)
+    pairs = zip(solution.wearers, poses, strict=True)
+    return tuple(decode("VIP", wearer.model, wearer.state, pose_covariance) for wearer, pose_covariance in pairs)
 
 
-def decode_camera(
-    name: str,
-    number: int,
-    model: SceneProblem,
-    state: SceneState,
-    covariance: SceneCovariance | None,
-    clock: VideoClock,
-    wearer_of_detection: np.ndarray,
+def decode_cameras(
+    associated: Sequence[AssociatedCamera], solution: FusionSolution, covariance: SceneCovariance | None
+) -> tuple[CameraEstimate, ...]:
+    """Convert the solution of a scene to an estimate of each camera that it uses."""
+    return tuple(_decode_camera(video, number, solution, covariance) for number, video in enumerate(associated))
+
+
+def _decode_camera(
+    video: AssociatedCamera, number: int, solution: FusionSolution, covariance: SceneCovariance | None
 ) -> CameraEstimate:
-    """Convert a state to the estimate of one camera; ``clock`` is the nominal clock of its video."""
+    model, state = solution.model, solution.state
     problem, camera, time = model.cameras[number], state.cameras[number], model.wearers[0].frames.time
     poses, calibration = camera.poses, None
     if problem.imu is not None:
         calibration = SensorCalibration(float(wrap_angle(camera.heading)), camera.R_camera_imu)
     return CameraEstimate(
-        name,
+        video.camera.name,
         problem.model.zoomed(camera.zoom),
         CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera),
         calibration,
         covariance.cameras[number] if covariance is not None else None,
         reprojection_rms(model, state, number),
-        clock.corrected(camera.clock, camera.clock_drift, problem.clock_middle),
-        wearer_of_detection=wearer_of_detection,
+        video.camera.clock.corrected(camera.clock, camera.clock_drift, problem.clock_middle),
+        wearer_of_detection=video.association.wearer,
     )
 
 

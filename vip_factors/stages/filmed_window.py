@@ -22,7 +22,7 @@ from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, CameraPlacement, associate_cameras, usable_cameras
 from vip_factors.stages.calibrate import Calibration
-from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers
+from vip_factors.stages.decode import SceneCovariance, decode_cameras, decode_wearers
 from vip_factors.stages.drift import estimated_clock
 from vip_factors.stages.findings import quality_checks, who_is_who
 from vip_factors.stages.floor import with_declared_floor
@@ -231,7 +231,7 @@ class FilmedWindow:
             free = tuple(replace(model, free_mountings=True) for model in coarse.model.wearers)
             unsure = replace(coarse, model=replace(coarse.model, wearers=free))
             covariance = full_rate_covariance(unsure, fine, self.solver)
-        wearers = decode_wearers(fine.model, fine.state, covariance)
+        wearers = decode_wearers(fine, covariance)
         detection_times = {
             camera.name: camera.timed_detections.time[camera.detections.frame] for camera in self.cameras
         }
@@ -248,15 +248,13 @@ class FilmedWindow:
 
     def _cameras(self, fine: FusionSolution, covariance: SceneCovariance | None) -> Iterator[CameraEstimate]:
         """Return all calibrated cameras; one without a place in this window keeps its last one."""
-        numbers = {video.camera.name: number for number, video in enumerate(self.solution.associated)}
+        decoded = {camera.name: camera for camera in decode_cameras(self.solution.associated, fine, covariance)}
         time = fine.model.wearers[0].frames.time
         for name, (placed, _) in self.calibrated_cameras.items():
-            start = self.start.cameras[name]
-            if name in numbers:
-                labels = self.solution.associated[numbers[name]].association.wearer
-                yield decode_camera(name, numbers[name], fine.model, fine.state, covariance, start.clock, labels)
+            if name in decoded:
+                yield decoded[name]
             else:
-                camera = next(camera for camera in self.cameras if camera.name == name)
+                camera, start = next(camera for camera in self.cameras if camera.name == name), self.start.cameras[name]
                 path = start.path or placed.path
                 yield CameraEstimate(
                     name,

@@ -24,7 +24,6 @@ from vip_factors.stages.association import (
     add_unassigned_detections,
     associate_cameras_again,
 )
-from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import estimated_clock, with_estimated_drift
 from vip_factors.stages.floor import levelled, seen_standing
 from vip_factors.stages.fusion_start import FusionStart, camera_problem
@@ -86,7 +85,7 @@ class FusionSolution:
     @property
     def motions(self) -> list[Motion]:
         """The wearers' motions, in one world."""
-        return [motion_of(wearer.model, wearer.state) for wearer in self.wearers]
+        return [wearer.motion for wearer in self.wearers]
 
     @property
     def placements(self) -> tuple[CameraPlacement, ...]:

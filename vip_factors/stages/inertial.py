@@ -7,6 +7,7 @@ from itertools import zip_longest
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import held_pose
 from vip_factors.errors import InputError
@@ -46,6 +47,13 @@ class InertialSolution:
     model: WearerProblem
     state: WearerState
     starts: Starts | None = None
+
+    @property
+    def motion(self) -> Motion:
+        """The motion at the state."""
+        model, state = self.model, self.state
+        rate, start = 1 / model.frames.step, float(model.frames.time[0])
+        return Motion(model.skeleton, state.R_parent_child, state.p_world_pelvis, rate, start, model.name)
 
 
 @dataclass(frozen=True)

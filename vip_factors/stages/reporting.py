@@ -36,7 +36,7 @@ from vip_factors.stages.decode import (
     SharedCovariance,
     camera_with_sigmas,
     decode,
-    decode_camera,
+    decode_cameras,
     decode_wearers,
     scene_covariance,
     with_sigmas,
@@ -77,23 +77,11 @@ def filmed_estimate(
             sensor_positions=sensor_position_estimates(coarse, number, shared),
             start=start_choice(estimate.sensors, solution.wearers[number].starts),
         )
-        for number, estimate in enumerate(decode_wearers(fine.model, fine.state, covariance))
+        for number, estimate in enumerate(decode_wearers(fine, covariance))
     )
     cameras = tuple(
-        camera_with_sigmas(
-            decode_camera(
-                video.camera.name,
-                number,
-                fine.model,
-                fine.state,
-                covariance,
-                video.camera.clock,
-                video.association.wearer,
-            ),
-            number,
-            shared,
-        )
-        for number, video in enumerate(associated)
+        camera_with_sigmas(camera, number, shared)
+        for number, camera in enumerate(decode_cameras(associated, fine, covariance))
     )
     findings = [
         *who_is_who(scene, associated),

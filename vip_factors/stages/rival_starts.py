@@ -21,8 +21,8 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CommonSettings
-from vip_factors.stages.decode import SharedCovariance, motion_of
-from vip_factors.stages.inertial import inertial_tracker
+from vip_factors.stages.decode import SharedCovariance
+from vip_factors.stages.inertial import InertialSolution, inertial_tracker
 from vip_factors.stages.solver import Solver
 
 # On average over the frames, of bones whose orientation is certain. From rival starts of sound walks and foreign scenes
@@ -111,9 +111,8 @@ def _bones_apart(
     """
     model = problem.wearers[number]
     bones = [sensor.bone for sensor in model.sensors]
-    R, S = (
-        motion_of(model, scene_state.wearers[number]).state.R_world_bone[:, bones] for scene_state in (solution, rival)
-    )
+    solutions = (InertialSolution(model, scene_state.wearers[number]) for scene_state in (solution, rival))
+    R, S = (wearer.motion.state.R_world_bone[:, bones] for wearer in solutions)
     turns = np.array([robust_mean_angle(yaws) for yaws in yaw_of(S @ transpose(R)).T])
     R_world_sensor = R @ solution.wearers[number].R_bone_sensor
     turned = rotation_z(robust_mean_angle(turns)) @ R

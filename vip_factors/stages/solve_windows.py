@@ -20,7 +20,7 @@ from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.sources import RecordingSource, SceneInMemory, SceneSource, frames_of, samples_around
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibrate import Calibration
-from vip_factors.stages.decode import SceneCovariance, decode, decode_camera, decode_wearers, scene_covariance
+from vip_factors.stages.decode import SceneCovariance, decode, decode_cameras, decode_wearers, scene_covariance
 from vip_factors.stages.filmed_window import FilmedWindow, filmed_windows
 from vip_factors.stages.inertial import InertialSolution, track_window
 from vip_factors.stages.inertial_model import frame_by_frame, method_of, with_contacts, with_fixed_calibration
@@ -203,18 +203,7 @@ def _solve_finely(
     (span, frames), solver = window, replace(solver, reports=[])
     fine = solution.at_full_rate(frames, settings, solver)
     nearest = None if covariance is None else at_nearest(covariance, solution.fusion, frames[0].time)
-    cameras = tuple(
-        decode_camera(
-            video.camera.name,
-            number,
-            fine.model,
-            fine.state,
-            nearest,
-            video.camera.clock,
-            video.association.wearer,
-        )
-        for number, video in enumerate(solution.associated)
-    )
+    cameras = decode_cameras(solution.associated, fine, nearest)
     detection_times = tuple(video.detections.time[video.detections.frame] for video in solution.associated)
-    wearers = decode_wearers(fine.model, fine.state, nearest)
+    wearers = decode_wearers(fine, nearest)
     return SolvedWindow(span, wearers, cameras, detection_times=detection_times, reports=tuple(solver.reports))

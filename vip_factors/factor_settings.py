@@ -315,7 +315,7 @@ class GroundContactSettings:
 
 
 class LearnedOffsets:
-    """Keypoint offsets from a file, read by :func:`vip_factors.io.keypoint_offsets_file.read_keypoint_offsets`.
+    """Keypoint offsets from a file, read by :func:`vip_factors.io.detections.read_keypoint_offsets`.
 
     Attributes:
         path: path of the file.

@@ -12,10 +12,11 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, rotation_z
-from vip_factors.io.convert import ImportOptions, detect_format, import_recording, placement_from_file, recording_of_log
+from vip_factors.io.convert import ImportOptions, detect_format, import_recording, recording_of_log
 from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.io.log_streams import HOLD_S, LEAD_S
 from vip_factors.io.mcap_recording import write_recording
+from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.calibration import CARELESS_MOUNTING_SIGMA, SITES, Placement, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
 

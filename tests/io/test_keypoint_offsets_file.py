@@ -10,7 +10,7 @@ from scene_sample import scene_sample
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, keypoint_set
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.factor_settings import KeypointOffsetSettings
-from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.io.detections import read_keypoint_offsets
 from vip_factors.problem.scene import keypoint_offset_sigmas
 from vip_factors.sensors.detections import Detections
 from vip_factors.stages.fusion_start import prior_offsets

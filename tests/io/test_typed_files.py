@@ -10,10 +10,10 @@ from limited_memory import limited_memory
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.camera_file import read_camera_file
-from vip_factors.io.convert_template import guess
+from vip_factors.io.detections import read_keypoint_offsets
+from vip_factors.io.importers.column_guess import guess
 from vip_factors.io.importers.column_map import read_column_map
 from vip_factors.io.importers.text_table import read_text_table
-from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.io.typed_files import Number, Vector, read_json, read_toml
 

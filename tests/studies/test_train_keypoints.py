@@ -12,7 +12,7 @@ from tests.studies.train_keypoints import offsets_in_recording, pooled_offsets
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets, offset_of
 from vip_factors.cli.main import main as vip_factors
 from vip_factors.errors import InputError
-from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.io.detections import read_keypoint_offsets
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

@@ -119,7 +119,7 @@ def import_options(options: ConvertOptions) -> "ImportOptions":
 
 
 def _write_templates(options: ConvertOptions) -> None:
-    from vip_factors.io.convert_template import write_templates
+    from vip_factors.io.convert import write_templates
 
     assert options.template is not None
     if options.out is not None:

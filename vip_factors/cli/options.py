@@ -310,7 +310,7 @@ def learned_offsets(info: PrimitiveTypeInfo) -> "PrimitiveConstructorSpec[Learne
 
 
 def _read_offsets(words: list[str]) -> LearnedOffsets:
-    from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+    from vip_factors.io.detections import read_keypoint_offsets
 
     return read_keypoint_offsets(Path(words[0]))
 

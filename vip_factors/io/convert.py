@@ -4,16 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from msgspec import structs
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.skeleton import POSES
-from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
+from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with
-from vip_factors.io.importers.shared import ImportedLog, unpacked
+from vip_factors.io.importers.column_map import columns_text, read_column_map
+from vip_factors.io.importers.shared import ImportedLog, likely_sites, unpacked
 from vip_factors.io.log_streams import (
     LEAD_S,
     after_pose,
@@ -22,15 +24,20 @@ from vip_factors.io.log_streams import (
     held_orientations,
     log_in_parts,
     pose_source,
+    with_orientations,
     without_sample,
 )
-from vip_factors.io.mcap_reader import MAGIC
-from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
+from vip_factors.io.mcap_reader import MAGIC, read_few
+from vip_factors.io.placement_file import (
+    INITIAL_POSES,
+    PlacementFile,
+    place_sensors,
+    placement_from_file,
+    placement_text,
+)
 from vip_factors.io.settings import LogOptions
-from vip_factors.sensors.imu_stream import ImuStream, with_orientation
+from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject, Truth
-
-__all__ = ["FORMATS", "ImportOptions", "detect_format", "import_recording", "placement_from_file", "read_log"]
 
 # Format → module, or module:reader. The first that matches wins: formats with a signature come before tables.
 FORMATS: dict[str, str] = {
@@ -93,37 +100,28 @@ def detect_format(path: str | Path) -> str:
     path = Path(path)
     _check_exists(path)
     with unpacked(path) as log:
-        return _format_of(log)
+        if log.is_file():
+            with log.open("rb") as file:
+                start = file.read(len(MAGIC))
+            if not start:
+                raise FileFormatError(f"{log} is empty (0 bytes)")
+            if start == MAGIC:
+                from vip_factors.io.ros2 import is_imu
 
-
-def _format_of(path: Path) -> str:
-    if path.is_file():
-        with path.open("rb") as file:
-            start = file.read(len(MAGIC))
-        if not start:
-            raise FileFormatError(f"{path} is empty (0 bytes)")
-        if start == MAGIC:
-            return _mcap_format(path)
-    for name in FORMATS:
-        if name not in ("recording", "table") and _reader(name).matches(path):  # a table is declared by its column map
-            return name
-    raise FileFormatError(
-        f"{path}: not a sensor log of a known format ({', '.join(FORMATS)}); for another table give a column map "
-        "(--columns MAP.toml); vip-factors convert LOG --template NAME writes a first version"
-    )
+                topics = read_few(log, lambda channel: False).messages.values()
+                return "ros2" if any(is_imu(topic.channel) for topic in topics) else "recording"
+        for name in FORMATS:
+            if name not in ("recording", "table") and _reader(name).matches(log):  # a column map declares a table
+                return name
+        raise FileFormatError(
+            f"{log}: not a sensor log of a known format ({', '.join(FORMATS)}); for another table give a column map "
+            "(--columns MAP.toml); vip-factors convert LOG --template NAME writes a first version"
+        )
 
 
 def _check_exists(path: Path) -> None:
     if not path.exists() and not (path.name and path.parent.is_dir() and list(path.parent.glob(f"{path.name}*"))):
         raise InputError(f"{path}: no such file or folder, and no file whose name begins so")
-
-
-def _mcap_format(path: Path) -> str:
-    from vip_factors.io.mcap_reader import read_few
-    from vip_factors.io.ros2 import is_imu
-
-    topics = read_few(path, lambda channel: False).messages.values()
-    return "ros2" if any(is_imu(topic.channel) for topic in topics) else "recording"
 
 
 def _reader(name: str) -> Any:
@@ -143,33 +141,27 @@ def read_log(
         InputError: as :func:`detect_format` and the format's reader, for a table without a column map, and for a
             recording of ours.
     """
-    with unpacked(Path(path)) as log:
-        return _read_log(log, format_name, columns, rate_hz)
-
-
-def _read_log(path: Path, format_name: str | None, columns: str | Path | None, rate_hz: float | None) -> ImportedLog:
-    from vip_factors.io.importers.column_map import read_column_map
-
-    format_name = "table" if columns is not None else format_name or detect_format(path)
-    if format_name == "recording":
-        raise InputError(f"{path} is a recording of this package already: expected a sensor log")
-    reader = _reader(format_name)
-    log: ImportedLog
-    if format_name == "table":
-        if columns is None:
-            raise InputError(
-                f"{path}: format 'table' needs a column map (--columns MAP.toml); --template NAME "
-                "writes a first version"
-            )
-        _check_exists(path)
-        log = reader.read(path, read_column_map(columns, rate_hz))
-    elif rate_hz is None:
-        log = reader.read(path)
-    elif getattr(reader, "takes_rate", False):
-        log = reader.read(path, rate_hz)
-    else:
-        raise InputError(f"{path}: rate_hz given, but a log of format '{format_name}' has times: leave --rate-hz out")
-    return log
+    with unpacked(Path(path)) as source:
+        format_name = "table" if columns is not None else format_name or detect_format(source)
+        if format_name == "recording":
+            raise InputError(f"{source} is a recording of this package already: expected a sensor log")
+        reader, arguments = _reader(format_name), list[object]()
+        if format_name == "table":
+            if columns is None:
+                raise InputError(
+                    f"{source}: format 'table' needs a column map (--columns MAP.toml); --template NAME "
+                    "writes a first version"
+                )
+            _check_exists(source)
+            arguments = [read_column_map(columns, rate_hz)]
+        elif rate_hz is not None:
+            if not getattr(reader, "takes_rate", False):
+                raise InputError(
+                    f"{source}: rate_hz given, but a log of format '{format_name}' has times: leave --rate-hz out"
+                )
+            arguments = [rate_hz]
+        log: ImportedLog = reader.read(source, *arguments)
+        return log
 
 
 def import_recording(path: str | Path, options: ImportOptions | None = None) -> Recording:
@@ -209,7 +201,7 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
     else:
         subject = subject_with(body, given.subject, given.mass_kg, given.sex)
         notes.append(f"body of '{body.name}' from {options.body}, which overrides the given stature and lengths")
-    log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
+    log = replace(log, imus=after_pose(log.imus, held, notes) if held else with_orientations(log.imus, notes))
     choice = options.placement
     rule = choice if isinstance(choice, Mapping | str) and not _is_file(choice) else given.sensors
     placement = place_sensors(log, subject.body(), rule, notes)
@@ -293,28 +285,63 @@ def _truth(log: ImportedLog, options: ImportOptions, zero: float) -> Truth | Non
     return Truth(replace(motion, start=motion.start - zero), known_bones=log.truth_bones)
 
 
-def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:
-    """The streams, with orientations from acceleration and angular rate where the log has none.
+class Templates(NamedTuple):
+    """Paths of the files that were written.
+
+    Attributes:
+        placement: where the sensors sit.
+        columns: what the columns mean; None for a log whose format is known.
+        undeclared: a sentence on each thing that the log does not say and only its owner knows.
+    """
+
+    placement: Path
+    columns: Path | None
+    undeclared: tuple[str, ...]
+
+
+def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_hz: float | None = None) -> Templates:
+    """Write first guesses to correct: ``NAME_placement.toml`` and, for a table, ``NAME_columns.toml``.
+
+    Args:
+        path: the log: a file, a folder, or how the names of its files begin.
+        name: what the names of the files begin with; a suffix ``.toml`` is dropped.
+        overwrite: whether existing files may be replaced.
+        rate_hz: samples per second, if the log has no times, or wrong ones.
 
     Raises:
-        RecordingError: if no stream has an orientation, for the reason of the first that could have one.
+        InputError: if nothing is at the path, it is a recording of ours, or a file exists.
+        FileFormatError: if its format is unknown and no column's name gives a quantity.
     """
-    oriented, filtered, errors = {}, [], list[RecordingError]()
-    for name, stream in imus.items():
-        oriented[name] = stream
-        if stream.R_inertial_sensor is not None:
-            continue
-        if stream.angular_rate is None or stream.specific_force is None:
-            notes.append(f"sensor '{name}' has no orientation and no angular rate to find it from: it cannot be used")
-            continue
-        try:
-            oriented[name] = with_orientation(stream)
-            filtered.append(name)
-        except RecordingError as error:
-            errors.append(error)
-            notes.append(f"sensor '{name}' has no orientation, and none can be found: {error}")
-    if errors and all(stream.R_inertial_sensor is None for stream in oriented.values()):
-        raise errors[0]
-    if filtered:
-        notes.append(f"orientation from acceleration and angular rate (VQF), heading arbitrary: {', '.join(filtered)}")
-    return oriented
+    from vip_factors.io.importers.column_guess import guess
+    from vip_factors.io.importers.unit_guess import PLEASE_DECLARE
+
+    path = Path(path)
+    stem = name.with_suffix("") if name.suffix.lower() == ".toml" else name
+    placement, columns = (stem.with_name(f"{stem.name}_{kind}.toml") for kind in ("placement", "columns"))
+    for file in (placement, columns):
+        check_target(file, overwrite)
+    try:
+        format_name = detect_format(path)
+    except FileFormatError:
+        format_name = ""
+    if format_name == "recording":
+        raise InputError(f"{path} is a recording of this package already: it needs neither columns nor places")
+    undeclared: dict[str, None] = {}
+    if format_name:
+        sensors = list(read_log(path, format_name, rate_hz=rate_hz).imus)
+    else:
+        with unpacked(path) as log:
+            column_map, reasons, sensors = guess(log, rate_hz)
+        undeclared = dict.fromkeys(word for words in reasons.values() for word in words if PLEASE_DECLARE in word)
+        with atomic_open(columns, "w", overwrite) as stream:
+            stream.write(columns_text(path, column_map, reasons))
+    sites = likely_sites(sensors)
+    columns_file = None if format_name else columns
+    with atomic_open(placement, "w", overwrite) as stream:
+        stream.write(placement_text(path, {name: sites.get(name) for name in sensors}, placement, columns_file))
+    others = [name for name in sensors if name not in sites]
+    if placed := [name for name in sensors if name in sites]:
+        undeclared[f"no mounting is declared: {', '.join(placed)} have the default axes of their sites"] = None
+    if others:
+        undeclared[f"no site is declared for {', '.join(others)}"] = None
+    return Templates(placement, columns_file, tuple(undeclared))

@@ -11,13 +11,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from vip_factors.atomic import atomic_open
-from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.body.keypoints import KEYPOINT_SETS, OFFSET_KEYPOINTS, KeypointSet, keypoint_set
+from vip_factors.errors import FileFormatError, InputError, nearest
+from vip_factors.factor_settings import LearnedOffsets
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.detection_formats import DetectedPeople, read_people, warn
+from vip_factors.io.typed_files import Vector, check_keys, convert, read_toml
 from vip_factors.sensors.detections import Detections
 
 MOST_FRAMES = 2_000_000  # nine hours at 60 Hz: beyond it the numbers are no frame numbers
@@ -255,3 +258,49 @@ def _instance(pose: TrackedPose) -> dict[str, Any]:
         "bbox": [box.round(2).tolist()],
         "bbox_score": round(float(pose.score), 4),
     }
+
+
+class _Offset(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    mean_m: Vector
+    sigma_m: Vector
+
+
+class _Set(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    offsets: dict[str, _Offset]
+    people: int = 0
+
+
+def read_keypoint_offsets(path: Path) -> LearnedOffsets:
+    """Read a TOML file of offsets of detectors' keypoints from the joints, learnt from recordings of known motion.
+
+    ::
+
+        provenance = "walk.mcap run.mcap"
+
+        [body25]                       # a keypoint set, as its detector writes it
+        people = 2
+
+        [body25.offsets]               # metres in bone axes, of the left side: x to the left, y up, z forward
+        shoulder = { mean_m = [0.0, -0.012, 0.004], sigma_m = [0.008, 0.009, 0.008] }
+
+    Raises:
+        FileFormatError: if it is no TOML file.
+        InputError: for an invalid value.
+    """
+    content = read_toml(path, dict[str, object], "a file of keypoint offsets")
+    convert(path, "provenance", content.pop("provenance", ""), str)
+    for name in content:
+        if name not in KEYPOINT_SETS:
+            raise InputError(f"{path}: unknown key '{name}'{nearest(name, KEYPOINT_SETS)}")
+    farthest, widest = 0.15, 0.2  # m: beyond which it is no keypoint of that joint
+    offsets = {}
+    for name, table in convert(path, "", content, dict[str, _Set]).items():
+        check_keys(path, f"{name}.offsets", table.offsets, OFFSET_KEYPOINTS)
+        rows = [table.offsets[keypoint] for keypoint in OFFSET_KEYPOINTS]
+        mean, sigma = np.array([row.mean_m for row in rows]), np.array([row.sigma_m for row in rows])
+        if np.abs(mean).max() > farthest or not 0 < sigma.min() <= sigma.max() <= widest:
+            raise InputError(
+                f"{path}: {name}.offsets: expected means up to {farthest:g} m and sigmas above zero, up to {widest:g} m"
+            )
+        offsets[name] = mean.tolist(), sigma.tolist()
+    return LearnedOffsets(path, offsets)

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.errors import InputError, nearest
+from vip_factors.errors import InputError, RecordingError, nearest
 from vip_factors.geometry.rotations import Array, mean_rotation
 from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog
 from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
+from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream, with_orientation
 from vip_factors.sensors.multi_file import join_recordings
 from vip_factors.sensors.recording import Recording, Subject
 
@@ -186,3 +186,30 @@ def log_in_parts(logs: Sequence[ImportedLog], sources: Sequence[str]) -> Importe
     first = logs[[part.name for part in recordings].index(joined.name)]
     notes = dict.fromkeys(note for log in logs for note in log.notes)
     return replace(first, imus=joined.imus, truth_motion=None, notes=(f"parts: {', '.join(sources)}", *notes))
+
+
+def with_orientations(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:
+    """The streams, with orientations from acceleration and angular rate where the log has none.
+
+    Raises:
+        RecordingError: if no stream has an orientation, for the reason of the first that could have one.
+    """
+    oriented, filtered, errors = {}, [], list[RecordingError]()
+    for name, stream in imus.items():
+        oriented[name] = stream
+        if stream.R_inertial_sensor is not None:
+            continue
+        if stream.angular_rate is None or stream.specific_force is None:
+            notes.append(f"sensor '{name}' has no orientation and no angular rate to find it from: it cannot be used")
+            continue
+        try:
+            oriented[name] = with_orientation(stream)
+            filtered.append(name)
+        except RecordingError as error:
+            errors.append(error)
+            notes.append(f"sensor '{name}' has no orientation, and none can be found: {error}")
+    if errors and all(stream.R_inertial_sensor is None for stream in oriented.values()):
+        raise errors[0]
+    if filtered:
+        notes.append(f"orientation from acceleration and angular rate (VQF), heading arbitrary: {', '.join(filtered)}")
+    return oriented

@@ -29,10 +29,11 @@ import numpy as np
 
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import BONE_ALIASES, JOINT_NAMES, Skeleton
+from vip_factors.display import one_line
 from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.importers.shared import ImportedLog, site_of_name
-from vip_factors.io.typed_files import Number, Vector, convert, read_json, read_text, read_toml
+from vip_factors.io.typed_files import Number, Vector, convert, read_json, read_text, read_toml, toml_text
 from vip_factors.sensors.calibration import (
     CARELESS_MOUNTING_SIGMA,
     PRESETS,
@@ -41,6 +42,7 @@ from vip_factors.sensors.calibration import (
     Placement,
     SensorSite,
     sensor_site,
+    site_axes,
 )
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
@@ -96,7 +98,7 @@ def placement_from_file(path: str | Path) -> PlacementFile:
     """Read a placement file (TOML, or JSON by its suffix), or OpenSense's mapping of sensors to frames (XML)."""
     path = Path(path)
     if path.suffix.lower() == ".xml":
-        return PlacementFile(sensors={name: SensorEntry(site) for name, site in sites_of_mappings(path).items()})
+        return _opensense_mappings(path)
     read = read_json if path.suffix.lower() == ".json" else read_toml
     table = read(path, dict[str, object], "a placement file (TOML or JSON with [sensors] …)")
     entries = table.get("sensors")
@@ -130,7 +132,7 @@ def _check_entry(where: str, entry: SensorEntry) -> None:
             raise InputError(f"{where}.mounting_wxyz: {error}") from error
 
 
-def sites_of_mappings(path: Path) -> dict[str, str]:
+def _opensense_mappings(path: Path) -> PlacementFile:
     """Sites by sensor, from the names of the experimental sensors' frames: ``_00B42268`` is ``torso_imu``.
 
     OpenSense begins sensors' names with the ``_`` that ends the trial's in the files' names; it is left out.
@@ -140,7 +142,7 @@ def sites_of_mappings(path: Path) -> dict[str, str]:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise FileFormatError(f"{path}: {error}: expected OpenSense's IMU mappings (XML)") from error
-    sites: dict[str, str] = {}
+    sensors: dict[str, SensorEntry] = {}
     for sensor in root.iter("ExperimentalSensor"):
         name = (sensor.get("name") or "").strip().lstrip("_")
         frame = (sensor.findtext("name_in_model") or "").strip()
@@ -150,10 +152,10 @@ def sites_of_mappings(path: Path) -> dict[str, str]:
                 f"{path}: sensor '{name}' is frame '{frame}' of the model: expected a name that tells the segment, "
                 "such as pelvis_imu, femur_r_imu, torso_imu; or write a placement file (.toml)"
             )
-        sites[name] = site
-    if not sites:
+        sensors[name] = SensorEntry(site)
+    if not sensors:
         raise FileFormatError(f"{path}: names no ExperimentalSensor: expected OpenSense's IMU mappings")
-    return sites
+    return PlacementFile(sensors=sensors)
 
 
 # A preset's name, or site → sensor name, or sensor name → entry of a placement file; None leaves it to the log.
@@ -266,3 +268,40 @@ def _nothing_placed(log: ImportedLog, sites: list[SensorSite]) -> str:
         f'by convert LOG --template NAME), such as\n  [sensors]\n  "{example}" = "pelvis"\n'
         f"with the sites {', '.join(SITES)}"
     )
+
+
+PLACEMENT_HEAD = """\
+# Placement of the sensors of {log}, guessed from their names. Check every line, then run:
+# {command} --placement {placement}
+
+# The wearer. Remove the # where you know a value; stature matters most.
+# subject = "S01"
+# stature_m = 1.75
+# mass_kg = 70
+# sex = "female"
+# initial_pose = "n-pose"  # pose at the start: n-pose (arms hanging) or t-pose (arms sideways)
+
+[sensors]
+"""
+PLACEMENT_END = """\
+
+# The axes of a sensor are expected within 40° of those of its site. Other rotations are estimated from the
+# motion; a declared pose, or standing still at the start, helps. Left, right, up, down, front and back are the
+# wearer's in a T-pose (arms sideways, palms down). If the axes are known, give the rotation:
+#   "…" = { site = "left_thigh", mounting_wxyz = [1, 0, 0, 0], sigma_deg = 15 }
+# Sites:
+"""
+
+
+def placement_text(path: Path, sites: Mapping[str, str | None], placement: Path, columns: Path | None) -> str:
+    """A placement file of the log at ``path`` with sites by sensor, where they are known, and all sites explained."""
+    log = one_line(str(path))
+    command = f"vip-factors convert {log} RECORDING.mcap"
+    command += f" --columns {one_line(str(columns))}" if columns is not None else ""
+    key_width, site_width = max(len(toml_text(sensor)) for sensor in sites), max(map(len, SITES))
+    lines = [PLACEMENT_HEAD.format(log=log, command=command, placement=one_line(str(placement)))]
+    for sensor, site in sites.items():
+        key = toml_text(sensor).ljust(key_width)
+        lines.append(f"{key} = {toml_text(site)}  # {site_axes(site)}\n" if site else f'# {key} = "…"  # not told\n')
+    lines += [PLACEMENT_END, *(f"#   {name.ljust(site_width)}  {site_axes(name)}\n" for name in SITES)]
+    return "".join(lines)

@@ -47,13 +47,11 @@ from vip_factors.describe.recordings import motion_facts, recording_tables
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
 from vip_factors.io.camera_file import read_camera_file
-from vip_factors.io.convert import ImportOptions, import_recording
-from vip_factors.io.convert_template import write_templates
-from vip_factors.io.detections import read_detections
+from vip_factors.io.convert import ImportOptions, import_recording, write_templates
+from vip_factors.io.detections import read_detections, read_keypoint_offsets
 from vip_factors.io.export.animation import write_bvh
 from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.smpl import write_amass
-from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.io.live.open import read_token
 from vip_factors.io.motions.files import read_motion
 from vip_factors.settings import Settings, flatten

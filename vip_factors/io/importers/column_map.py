@@ -34,11 +34,12 @@ from pathlib import Path
 import msgspec
 from msgspec import structs
 
+from vip_factors.display import one_line
 from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order
 from vip_factors.io.importers.shared import GRAVITY
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect
-from vip_factors.io.typed_files import convert, read_toml
+from vip_factors.io.typed_files import convert, read_toml, toml_text
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "0.1ms": 1e-4, "days": 86_400.0}  # likelier ones first
 ACCELERATION_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000}
@@ -137,7 +138,11 @@ def read_column_map(path: str | Path, rate_hz: float | None = None) -> ColumnMap
         name: _sensor_columns(path, f"sensors.{name}", {**common, **table}) for name, table in layout.sensors.items()
     }
     for name, entry in (sensors or {"": columns}).items():
-        _check_complete(f"{path}: sensor '{name}'" if name else f"{path}: the sensors", entry)
+        where = f"{path}: sensor '{name}'" if name else f"{path}: the sensors"
+        if all(getattr(entry, quantity) is None for quantity in QUANTITIES):
+            raise InputError(f"{where}: no columns named: expected at least one of {', '.join(QUANTITIES)}")
+        if entry.time is not None and entry.rate_hz is not None:
+            raise InputError(f"{where}: both time and rate_hz are given: expected the column of the times, or the rate")
     if rate_hz is not None:
         columns = structs.replace(columns, time=None, rate_hz=rate_hz)
         sensors = {name: structs.replace(entry, time=None, rate_hz=rate_hz) for name, entry in sensors.items()}
@@ -176,8 +181,49 @@ def _sensor_columns(path: Path, where: str, table: Mapping[str, object]) -> Sens
     return entry
 
 
-def _check_complete(where: str, entry: SensorColumns) -> None:
-    if all(getattr(entry, quantity) is None for quantity in QUANTITIES):
-        raise InputError(f"{where}: no columns named: expected at least one of {', '.join(QUANTITIES)}")
-    if entry.time is not None and entry.rate_hz is not None:
-        raise InputError(f"{where}: both time and rate_hz are given: expected the column of the times, or the rate")
+def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]]) -> str:
+    """A column map as TOML, what all sensors share above them."""
+    entries = dict(columns.sensors) or {"": columns.common}
+    first = next(iter(entries.values()))
+    has_one_clock = len({tuple(_time_lines(entry)) for entry in entries.values()}) == 1
+    lines = [
+        f"# Column map of {one_line(str(path))}, guessed from names and numbers. Check every line.",
+        "",
+        *(_time_lines(first) if has_one_clock else ()),
+    ]
+    for quantity, keys in UNIT_KEYS.items():
+        if any(getattr(entry, quantity) is not None for entry in entries.values()):
+            lines += [f"{key} = {toml_text(getattr(first, key))}  # {', '.join(CHOICES[key])}" for key in keys]
+    if columns.sensor_column is not None:
+        lines.append(f"sensor_column = {toml_text(columns.sensor_column)}  # names the sensor of each row")
+    for name, entry in entries.items():
+        lines += ["", *(f"# {one_line(reason)}" for reason in reasons.get(name, ()))]
+        if name:
+            lines.append(f"[sensors.{toml_text(name)}]")
+        if entry.file is not None:
+            lines.append(f"file = {toml_text(entry.file)}")
+        lines += () if has_one_clock else _time_lines(entry)
+        for quantity in QUANTITIES:
+            located: Columns | None = getattr(entry, quantity)
+            if located is not None:
+                listed = toml_text(located.columns)
+                table = f"{{ file = {toml_text(located.file)}, columns = {listed} }}" if located.file else listed
+                lines.append(f"{quantity} = {table}")
+    return "\n".join(lines) + "\n"
+
+
+def _time_lines(entry: SensorColumns) -> list[str]:
+    lines = []
+    if entry.counter is not None:
+        lines.append(f"counter = {toml_text(entry.counter)}  # packet counter; lost packets become gaps")
+    if entry.time is not None:
+        lines += [
+            f"time = {toml_text(entry.time)}",
+            f'time_unit = "{entry.time_unit}"  # ' + ", ".join(CHOICES["time_unit"]),
+        ]
+    elif entry.rate_hz is not None:
+        lines.append(f"rate_hz = {entry.rate_hz:g}  # as stated")
+    else:
+        lines.append("# No time column was detected. Name it, or give the samples per second:")
+        lines += ['# time = "…"', "# rate_hz = 100"]
+    return lines

@@ -12,9 +12,8 @@ from scene_samples import scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.live.messages import header_message, rotation_of, setup_of
+from vip_factors.io.live.messages import Client, ClientError, Session, header_message, rotation_of, setup_of
 from vip_factors.io.live.open import delimited_messages, follow
-from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import ImuSample, LiveItem, VideoFrame, stream_head
@@ -25,9 +24,8 @@ class Received:
     """A session without a source."""
 
     def __init__(self) -> None:
-        self.items: list[LiveItem] = []
-        self.setups: list[Scene] = []
-        self.session = Session(self.setups.append, self.items.append)
+        self.put: list[LiveItem | Scene] = []
+        self.session = Session(self.put.append)
 
     def client(self) -> Client:
         return Client(self.session, "a client")
@@ -38,6 +36,14 @@ class Received:
             client.take(message.SerializeToString())
         client.leave()
         return self
+
+    @property
+    def setups(self) -> list[Scene]:
+        return [item for item in self.put if isinstance(item, Scene)]
+
+    @property
+    def items(self) -> list[LiveItem]:
+        return [item for item in self.put if not isinstance(item, Scene)]
 
     @property
     def samples(self) -> list:  # type: ignore[type-arg]

@@ -22,10 +22,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from vip_factors.errors import InputError
-from vip_factors.io.live import websocket
+from vip_factors.io.live import network
+from vip_factors.io.live.network import MOST_SENDERS
 from vip_factors.io.live.open import VARIABLE, open_source, read_token
 from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
-from vip_factors.io.live.websocket import MOST_SENDERS
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 from vip_factors.sensors.live import LiveFinding, VideoFrame
 from vip_factors.sensors.scene import Scene
@@ -82,7 +82,7 @@ def test_a_scene_arrives_and_what_is_no_message_is_left_out() -> None:
 def test_a_bad_client_is_sent_away_with_one_line_and_the_next_is_heard(
     messages: tuple[bytes, ...], problem: str, code: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(websocket, "HEADER_S", 0.4)
+    monkeypatch.setattr(network, "HEADER_S", 0.4)
     findings: list[LiveFinding] = []
     with listening(on_finding=findings.append) as source:
         with connect(source.url) as client:
@@ -135,7 +135,7 @@ def test_senders_that_say_nothing_make_room() -> None:
     with listening() as source, ExitStack() as stack:
         for _ in range(MOST_SENDERS):
             stack.enter_context(connect(source.url)).send(HEADER)
-        time.sleep(websocket.SILENCE_S)
+        time.sleep(network.SILENCE_S)
         with Background(send_scene, source.url, SCENE):
             setup, samples, _ = received(source)
     assert_arrived(SCENE, setup, samples)
@@ -180,7 +180,7 @@ def test_a_token_comes_from_a_file_or_the_environment(tmp_path: Path, monkeypatc
 
 
 def test_a_flood_waits_and_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(websocket, "LARGEST_RATE", 500.0)
+    monkeypatch.setattr(network, "LARGEST_RATE", 500.0)
     with listening(settings=replace(PATIENT, queue_limit=500)) as source:
         is_over = Event()
 

@@ -14,7 +14,7 @@ from threading import Condition, Event, Lock
 
 import msgspec
 
-from vip_factors.io.live.network import GOING, LOCAL, ConnectionClosed, Listener, Page, ServerConnection, cut_off
+from vip_factors.io.live.network import GOING, LOCAL, ConnectionClosed, Listener, ServerConnection, cut_off
 from vip_factors.io.live.source import POLL
 from vip_factors.io.live_json import Answer, FindingAnswer, LiveJsonEncoder
 from vip_factors.live_estimate import LiveEstimate
@@ -54,7 +54,7 @@ class LiveServer:
 
     def __init__(self, setup: Scene | None, page: str, port: int, host: str = LOCAL, token: str = "") -> None:
         self._encoder = None if setup is None else LiveJsonEncoder(setup)
-        self._pages = {"/": Page(page, page_policy(page))}
+        self._pages = {"/": (page, page_policy(page))}
         self._readers: set[_Reader] = set()
         self._changing = Lock()
         self._stop = Event()
@@ -91,7 +91,7 @@ class LiveServer:
         """Serve another page, and take answers of this stream from now on; who reads already gets them."""
         with self._changing:
             self._encoder = LiveJsonEncoder(setup)
-            self._pages["/"] = Page(page, page_policy(page))
+            self._pages["/"] = page, page_policy(page)
 
     def write(self, estimate: LiveEstimate) -> None:
         """Hand the answer to one frame of a stream that has begun to all who read; it never waits for them."""

@@ -2,7 +2,7 @@
 them, exports them and solves them; videos and images beside them."""
 
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import replace
 from functools import cache, partial
 from importlib.util import find_spec
@@ -21,13 +21,13 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.cli.info import file_tables
 from vip_factors.cli.options import run_command
 from vip_factors.cli.terminal import terminal_text
+from vip_factors.errors import FileFormatError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.live.growing import GrowingFileSource
+from vip_factors.io.live.messages import Client, ClientError, Session
 from vip_factors.io.live.open import follow
-from vip_factors.io.live.session import Client, ClientError, Session
-from vip_factors.io.live.websocket import take_message
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import open_source
@@ -309,21 +309,22 @@ def _estimate(folder: Path, name: str) -> None:
 
 def _stream(folder: Path) -> None:
     """As a pipe does; what ends the stream is told, and nothing is raised."""
-    client = Client(Session(lambda setup: None, lambda item: None), "fuzz")
+    client = Client(Session(lambda item: None), "fuzz")
     with (folder / "a.messages").open("rb") as stream:
         client.leave(follow(client, stream))
 
 
 def _websocket(folder: Path) -> None:
     """As one connection does after its handshake: binary messages, and after a damaged one a text."""
-    client = Client(Session(lambda setup: None, lambda item: None), "fuzz")
+    client = Client(Session(lambda item: None), "fuzz")
     data, at = (folder / "a.messages").read_bytes(), 0
     try:
         while at < len(data):
             size, start = varint(data, at)
             message, at = data[start : start + size], start + max(size, 0)
-            take_message(client, message)
-            take_message(client, message[:20].decode("latin1"))
+            for content in (message, message[:20].decode("latin1")):
+                with suppress(FileFormatError):
+                    client.take(content)
     except ClientError as error:
         client.leave(str(error))
 

@@ -16,8 +16,7 @@ from mcap.records import DataEnd
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import time_ns_of
 from vip_factors.io.live.messages import imu_sample_of, setup_of, video_frame_of
-from vip_factors.io.live.session import FindingReporter
-from vip_factors.io.live.source import LiveSource
+from vip_factors.io.live.source import FindingReporter, LiveSource
 from vip_factors.io.mcap_camera import CameraTopics, path_of
 from vip_factors.io.mcap_frames import camera_poses
 from vip_factors.io.mcap_messages import PROTOBUF, is_ours, naming
@@ -98,26 +97,27 @@ class GrowingFileSource(LiveSource):
     def __init__(self, path: str | os.PathLike[str], settings: LiveSourceSettings = DEFAULT) -> None:
         super().__init__(str(path), settings, drops=False)
         self._path = Path(path)
-        self._reporter = FindingReporter(self._put)
+        self._reporter = FindingReporter(self.name, self._queue.put)
+        self._head = _Head()
 
     def _read(self) -> None:
-        head, early = _Head(), list[TopicMessage]()  # samples before the set-up is complete
+        head, early = self._head, list[TopicMessage]()  # samples before the set-up is complete
         with self._open_when_it_comes() as file:
             for topic, message in self._messages(file):
                 if self._stop.is_set():
                     return
-                if self._setup is not None:
-                    self._put_sample(head, topic, message)
-                    continue
-                if isinstance(message, ImuSample | Detections2D):
-                    early.append((topic, message))
-                else:
+                if not isinstance(message, ImuSample | Detections2D):
                     head.messages.setdefault((topic, type(message)), message)
-                if head.is_complete(bool(early)) or len(early) > self._settings.queue_limit:
-                    self._begin(head, early)
+                elif head.is_announced:
+                    self._put_sample(topic, message)
+                else:
+                    early.append((topic, message))
+                is_full = len(early) > self._settings.queue_limit
+                if not head.is_announced and (is_full or head.is_complete(bool(early))):
+                    self._begin(early)
         self._reporter.close()
-        if self._setup is None and not self._stop.is_set():
-            self._begin(head, early)
+        if not head.is_announced and not self._stop.is_set():
+            self._begin(early)
 
     def _open_when_it_comes(self) -> GrowingFile:
         begun, wait = time.monotonic(), self._settings.growth_wait
@@ -138,65 +138,60 @@ class GrowingFileSource(LiveSource):
         reading = McapPass(self._path, self._is_wanted)
         for record in reading.records(BufferedReader(file), largest_chunk()):
             for sentence in reading.take_complaints():
-                self._report("chunk", sentence)
+                self._reporter.report("chunk", sentence)
             for number, data in reading.take_messages():
                 channel = reading.gathered[number].channel
                 try:
                     yield channel.topic, KINDS[channel.schema_name].FromString(data)
                 except DecodeError as error:
-                    what = f"a message on {channel.topic} is no {channel.schema_name} ({error}): it is left out"
-                    self._report("message", what)
+                    sentence = f"a message on {channel.topic} is no {channel.schema_name} ({error}): it is left out"
+                    self._reporter.report("message", sentence)
             if isinstance(record, DataEnd):
                 return
         if file.has_ended and not self._stop.is_set():
-            self._report("end", f"it has not grown for {file.growth_wait:g} s: taken as its end")
+            self._reporter.report("end", f"it has not grown for {file.growth_wait:g} s: taken as its end")
         elif not self._stop.is_set():
             for sentence in reading.take_complaints():
-                self._report("end", sentence)
+                self._reporter.report("end", sentence)
 
     def _is_wanted(self, channel: McapChannel) -> bool:
         kind = KINDS.get(channel.schema_name)
         is_known = kind is not None and is_ours(channel, kind)
         if IMU in channel.topic and not channel.topic.startswith(FIRST_CAMERA.prefix) and not is_known:
-            self._report(
+            self._reporter.report(
                 f"schema of {channel.topic}",
                 f"channel {channel.topic} has {channel.schema_name or 'no schema'} ({channel.encoding}): expected "
                 f"{ImuSample.DESCRIPTOR.full_name} ({PROTOBUF}); its messages are left out",
             )
         return is_known and not channel.topic.startswith(TRUTH)
 
-    def _begin(self, head: "_Head", early: list[TopicMessage]) -> None:
+    def _begin(self, early: list[TopicMessage]) -> None:
         with naming(self._path):
-            setup = head.setup()
-        for camera, info in zip(setup.cameras, head.camera_infos, strict=True):
+            setup = self._head.setup()
+        for camera, info in zip(setup.cameras, self._head.camera_infos, strict=True):
             if info.moving and info.known_poses:
                 sentence = (
                     f"camera '{camera.name}' is said to move on a known path, which a growing file does not hold yet: "
                     "its poses are estimated instead"
                 )
-                self._report(sentence, sentence)
-        self._announce(setup)
+                self._reporter.report(sentence, sentence)
+        self._queue.put(setup)
         for topic, message in early:
-            self._put_sample(head, topic, message)
+            self._put_sample(topic, message)
 
-    def _put_sample(self, head: "_Head", topic: str, message: Any) -> None:
-        if not isinstance(message, ImuSample | Detections2D):
-            return
+    def _put_sample(self, topic: str, message: ImuSample | Detections2D) -> None:
         try:
-            sample = head.sample(topic, message)
+            sample = self._head.sample(topic, message)
         except FileFormatError as error:
-            self._report(type(message).__name__, str(error))
+            self._reporter.report(type(message).__name__, str(error))
             return
         if sample is not None:
-            self._put(sample)
+            self._queue.put(sample)
         else:
-            self._report(
+            self._reporter.report(
                 f"owner of {topic}",
                 f"{topic} belongs to nobody whom the file's beginning describes: its messages are left out",
             )
-
-    def _report(self, kind: str, sentence: str) -> None:
-        self._reporter.report(kind, f"{self._path}: {sentence}")
 
 
 class _Head:
@@ -206,6 +201,7 @@ class _Head:
 
     Attributes:
         messages: by topic and kind; the first pose of a camera.
+        is_announced: whether :meth:`setup` was made, after which samples are converted.
     """
 
     def __init__(self) -> None:
@@ -213,6 +209,7 @@ class _Head:
         self._wearers: dict[str, str] = {}  # names, by what the topics begin with
         self._cameras: dict[str, Camera] = {}
         self._start_ns = 0
+        self.is_announced = False
 
     def is_complete(self, has_samples: bool) -> bool:
         """Return whether all messages of the set-up have come, with the known pose of a static camera."""
@@ -242,6 +239,7 @@ class _Head:
         self._wearers = dict(zip(self._wearer_prefixes, names, strict=True))
         prefixes = [topic_of.prefix for topic_of in self._camera_topics]
         self._cameras = dict(zip(prefixes, setup.cameras, strict=True))
+        self.is_announced = True
         return setup
 
     @property

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, BinaryIO
 from urllib.parse import urlsplit
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.session import LARGEST_MESSAGE, Client, ClientError, Session
-from vip_factors.io.live.source import POLL, LiveSource
+from vip_factors.io.live.messages import LARGEST_MESSAGE, Client, ClientError, Session
+from vip_factors.io.live.source import PAUSE_S, POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
@@ -87,7 +87,7 @@ def _network(text: str, settings: LiveSourceSettings, token: str) -> LiveSource:
             f"{text}: it names no port: expected ws://host:port; no host, or {LOCAL}, is for senders on this machine, "
             "0.0.0.0 for those in all its networks"
         )
-    from vip_factors.io.live.websocket import WebSocketSource
+    from vip_factors.io.live.network import WebSocketSource
 
     return WebSocketSource(host or LOCAL, port, settings, token)
 
@@ -132,11 +132,11 @@ class RecordingSource(LiveSource):
 
     def _read(self) -> None:
         samples = live_samples(self._scene)
-        self._announce(stream_head(self._scene))
+        self._queue.put(stream_head(self._scene))
         for sample in samples if self.is_played else when_due(samples, self._stop.wait):
             if self._stop.is_set():
                 return
-            self._put(sample)
+            self._queue.put(sample)
 
 
 def when_due(samples: Iterable[LiveSample], wait: Callable[[float], object]) -> Iterator[LiveSample]:
@@ -219,11 +219,12 @@ class StandardInputSource(LiveSource):
             raise InputError("standard input is a terminal: pipe a sender's live messages into it")
 
     def _read(self) -> None:
-        client = Client(Session(self._announce, self._put), self.name)
+        client = Client(Session(self._queue.put), self.name)
 
         def wait() -> bool:
             """Return whether to go on; called before each read."""
-            self._pause()
+            if self._queue.is_behind:
+                self._stop.wait(PAUSE_S)
             return not self._stop.is_set()
 
         assert self._descriptor is not None  # open

@@ -1,4 +1,4 @@
-"""Base of all live sources: a queue with limits, a reading thread, and an orderly end."""
+"""Base of all live sources: a queue with limits, a reading thread, findings, and an orderly end."""
 
 import time
 from abc import ABC, abstractmethod
@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Self
 
 from vip_factors.errors import InputError
+from vip_factors.findings import Finding, FindingLog, bare
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 from vip_factors.sensors.scene import Scene
@@ -18,6 +19,10 @@ MOST_FINDINGS = 1000  # that wait: a client that errs all the time must not fill
 LOSS_EVERY_S = 1.0  # seconds between losses reported to the tracker, which must know the reason of a gap
 LOSS_TEXT_EVERY_S = 10.0  # seconds between losses reported to people
 PAUSE_S = 0.008  # of a reader whose tracker is behind: larger reads cost less
+REPORT_EVERY_S = 1.0  # seconds between findings of one kind about one sender
+
+QueueItem = LiveItem | Scene
+"""The set-up of a stream, its samples, or a finding."""
 
 
 class LiveQueue:
@@ -40,9 +45,9 @@ class LiveQueue:
         self._drops = drops
         self._clock = clock
         self._changed = Condition()
-        self._items: deque[tuple[float, LiveItem]] = deque()  # each with the time of its arrival
-        self._waiting: Counter[type[LiveItem]] = Counter()
-        self._lost: Counter[type[LiveItem]] = Counter()  # since the last report to people
+        self._items: deque[tuple[float, QueueItem]] = deque()  # each with the time of its arrival
+        self._waiting: Counter[type[QueueItem]] = Counter()
+        self._lost: Counter[type[QueueItem]] = Counter()  # since the last report to people
         self.waited_s = 0.0
         self._has_loss = False  # since the last report to the tracker
         self._noticed_at = self._reported_at = -float("inf")
@@ -52,16 +57,15 @@ class LiveQueue:
     def __len__(self) -> int:
         return len(self._items)
 
-    def put(self, item: LiveItem) -> None:
+    def put(self, item: QueueItem) -> None:
         """Append an item; does nothing once the queue is closed."""
-        kind = LiveFinding if isinstance(item, LiveFinding) else type(item)
         with self._changed:
-            if not self._drops and kind is not LiveFinding:
+            if not self._drops and not isinstance(item, LiveFinding):
                 self._changed.wait_for(lambda: self._closed or self._samples < self._limit)
             if self._closed:
                 return
             self._items.append((self._clock(), item))
-            self._waiting[kind] += 1
+            self._waiting[type(item)] += 1
             if self._waiting[LiveFinding] > MOST_FINDINGS:
                 self._drop(LiveFinding, MOST_FINDINGS)
             elif self._samples > self._limit and self._waiting[VideoFrame]:
@@ -70,7 +74,7 @@ class LiveQueue:
                 self._drop(ImuSample, max(1, self._limit // KEPT_SHARE))
             self._changed.notify_all()
 
-    def get(self) -> LiveItem | None:
+    def get(self) -> QueueItem | None:
         """The next item, waiting for one; None after the last."""
         with self._changed:
             self._changed.wait_for(lambda: len(self) > 0 or self._finished or self._closed)
@@ -80,7 +84,7 @@ class LiveQueue:
             if finding is not None or not self._items:
                 return finding
             arrived, item = self._items.popleft()
-            self._waiting[LiveFinding if isinstance(item, LiveFinding) else type(item)] -= 1
+            self._waiting[type(item)] -= 1
             self.waited_s = self._clock() - arrived if self._drops else 0.0
             self._changed.notify_all()
             return item
@@ -101,7 +105,7 @@ class LiveQueue:
     def is_behind(self) -> bool:
         """Is true if the oldest sample has waited longer than a pause."""
         with self._changed:
-            arrivals = (arrived for arrived, entry in self._items if not isinstance(entry, LiveFinding))
+            arrivals = (arrived for arrived, item in self._items if isinstance(item, ImuSample | VideoFrame))
             oldest = next(arrivals, None)
             return self._drops and oldest is not None and self._clock() - oldest > PAUSE_S
 
@@ -109,9 +113,9 @@ class LiveQueue:
     def _samples(self) -> int:
         return self._waiting[VideoFrame] + self._waiting[ImuSample]
 
-    def _drop(self, kind: type[LiveItem], limit: int) -> None:
+    def _drop(self, kind: type[QueueItem], limit: int) -> None:
         """Drop the oldest items of a kind until ``limit`` remain."""
-        remaining: deque[tuple[float, LiveItem]] = deque()
+        remaining: deque[tuple[float, QueueItem]] = deque()
         for entry in self._items:
             if self._waiting[kind] > limit and isinstance(entry[1], kind):
                 self._waiting[kind] -= 1
@@ -138,6 +142,40 @@ class LiveQueue:
             "per second (--frame-rate), fewer wearers, fewer cameras or a shorter lag",
             is_repeat=not is_for_people,
         )
+
+
+class FindingReporter:
+    """Reports problems of a sender or a file; those of one kind at most once a second, with their number.
+
+    Args:
+        name: of the sender or the file, before each sentence.
+        put: gets the findings.
+    """
+
+    def __init__(self, name: str, put: Callable[[LiveFinding], None]) -> None:
+        self._name, self._put = name, put
+        self._log = FindingLog(REPORT_EVERY_S)
+
+    def report(self, kind: str, sentence: str) -> None:
+        """Report a sentence, or count it if another of its kind was reported a moment ago."""
+
+        def finding(count: int) -> Finding:
+            number = f" (and {count - 1} more of this kind)" if count > 1 else ""
+            return bare(f"{self._name}: {sentence}{number}")
+
+        self._log.tally(kind, time.monotonic(), finding)
+        self._put_findings()
+
+    def close(self, sentence: str = "") -> None:
+        """Report what was only counted, and a last sentence."""
+        self._log.close()
+        if sentence:
+            self._log.add(bare(f"{self._name}: {sentence}"))
+        self._put_findings()
+
+    def _put_findings(self) -> None:
+        for finding in self._log.take():
+            self._put(LiveFinding(str(finding)))
 
 
 POLL = 0.1  # seconds between checks of a waiting thread: Ctrl-C should feel immediate
@@ -167,10 +205,8 @@ class LiveSource(ABC):
         self._settings = settings
         self._queue = LiveQueue(settings.queue_limit, drops)
         self._stop = Event()
-        self._changed = Condition()
-        self._early: list[LiveFinding] = []  # before the set-up is known
         self._setup: Scene | None = None
-        self._ended = False
+        self._early: deque[LiveFinding] = deque(maxlen=MOST_FINDINGS)  # before the set-up, and not yet passed on
         self._error: Exception | None = None
         self._thread = Thread(target=self._run, name=f"reader of {name}", daemon=True)
 
@@ -204,22 +240,20 @@ class LiveSource(ABC):
         Raises:
             InputError: if the source ends without one.
         """
-        on_finding = self.on_finding
-        while True:
-            early: list[LiveFinding] = []
-            with self._changed:
-                self._changed.wait_for(lambda: self._setup or self._ended or (on_finding and self._early))
-                if on_finding is not None:
-                    early, self._early = self._early, []
-                setup, ended = self._setup, self._ended
-            if on_finding is not None:
-                for finding in early:
-                    on_finding(finding)
-            if setup is not None:
-                return setup
-            if ended:
+        while self._setup is None:
+            item = self._queue.get()
+            if item is None:
                 reason = self._early[-1].sentence if self._early else f"{self.name} ended without a header"
                 raise self._error or InputError(reason)
+            if isinstance(item, Scene):
+                self._setup = item
+                break
+            assert isinstance(item, LiveFinding)  # samples come after the set-up
+            if self.on_finding is None or isinstance(item, LiveLoss):
+                self._early.append(item)
+            else:
+                self.on_finding(item)
+        return self._setup
 
     def __iter__(self) -> Iterator[LiveItem]:
         """Samples and findings in the order of their arrival, until the source ends.
@@ -228,34 +262,13 @@ class LiveSource(ABC):
             InputError: if it ends without a header.
         """
         self.setup  # noqa: B018  waits for it
-        with self._changed:
-            early, self._early = self._early, []
-        yield from early
+        while self._early:
+            yield self._early.popleft()
         while (item := self._queue.get()) is not None:
-            yield item
+            if not isinstance(item, Scene):
+                yield item
         if self._error is not None:
             raise self._error
-
-    def _pause(self) -> None:
-        """Called by the reader before it reads on."""
-        if self._queue.is_behind:
-            self._stop.wait(PAUSE_S)
-
-    def _announce(self, setup: Scene) -> None:
-        """Called by the reader, once, before the first sample."""
-        with self._changed:
-            self._setup = setup
-            self._changed.notify_all()
-
-    def _put(self, item: LiveItem) -> None:
-        """Called by the reader."""
-        if self._setup is None and isinstance(item, LiveFinding):
-            with self._changed:
-                del self._early[: 1 - MOST_FINDINGS]  # that nobody has taken
-                self._early.append(item)
-                self._changed.notify_all()
-        else:
-            self._queue.put(item)
 
     def _run(self) -> None:
         try:
@@ -265,9 +278,6 @@ class LiveSource(ABC):
                 self._error = error
         finally:
             self._queue.finish()
-            with self._changed:
-                self._ended = True
-                self._changed.notify_all()
 
     def _open(self) -> None:  # noqa: B027  not every source has something to open
         """Open the source.
@@ -278,7 +288,7 @@ class LiveSource(ABC):
 
     @abstractmethod
     def _read(self) -> None:
-        """Announce the set-up, put samples and findings, return at the end or soon after ``_stop`` is set."""
+        """Queue the set-up, samples and findings; return at the end or soon after ``_stop`` is set."""
 
     def _close(self) -> None:  # noqa: B027
         """Close the source, and wake a reader that waits longer than POLL."""

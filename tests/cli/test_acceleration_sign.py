@@ -13,7 +13,7 @@ from vip_factors.findings import Severity
 from vip_factors.geometry.quaternions import quaternion_from_matrix
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.settings import Settings
-from vip_factors.stages.acceleration_sign import is_sign_opposite, mirror_stream
+from vip_factors.stages.accelerometers import is_sign_opposite, mirror_stream
 
 QUICK = vip.Settings(frame_rate=20.0, covariance=False)
 LEGS = ("pelvis", "left_thigh", "right_thigh", "left_shank", "right_shank", "left_foot", "right_foot")

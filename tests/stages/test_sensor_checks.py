@@ -20,8 +20,9 @@ from vip_factors.settings import SensorClockSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.stages.accelerometers import accelerometer_scale, is_scale_wrong
 from vip_factors.stages.calibrate import Stretches, check_sensors
-from vip_factors.stages.sensor_checks import CorrectedSamples, accelerometer_scale, checked, is_scale_wrong
+from vip_factors.stages.sensor_checks import CorrectedSamples, checked
 from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")

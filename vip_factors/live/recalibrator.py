@@ -39,7 +39,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings, Settings
-from vip_factors.stages.acceleration_sign import is_sign_opposite
+from vip_factors.stages.accelerometers import is_sign_opposite
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.scene_solution import SceneSolution
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of

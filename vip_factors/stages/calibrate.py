@@ -24,6 +24,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import RecordingSource, SceneSource, frames_of, samples_around, without_gaps
 from vip_factors.settings import Settings
+from vip_factors.stages.accelerometers import Corrections
 from vip_factors.stages.findings import film_findings
 from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import with_level_floor
@@ -39,7 +40,7 @@ from vip_factors.stages.inertial_model import with_contacts, with_inflated_conta
 from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
-from vip_factors.stages.sensor_checks import CorrectedSamples, Corrections, check_scene, sensor_corrections
+from vip_factors.stages.sensor_checks import CorrectedSamples, check_scene, sensor_corrections
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import WindowPlan
 from vip_factors.terms.registry import unfilmed_problem

@@ -20,6 +20,7 @@ from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
+from vip_factors.stages.accelerometers import Corrections
 from vip_factors.stages.association import AssociatedCamera, CameraPlacement, associate_cameras, usable_cameras
 from vip_factors.stages.calibrate import Calibration
 from vip_factors.stages.decode import SceneCovariance, decode_cameras, decode_wearers
@@ -37,7 +38,7 @@ from vip_factors.stages.inertial_model import (
 )
 from vip_factors.stages.reporting import full_rate_covariance
 from vip_factors.stages.scene_solution import SceneSolution, solve_from
-from vip_factors.stages.sensor_checks import Corrections, corrected_elsewhere
+from vip_factors.stages.sensor_checks import corrected_elsewhere
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow
 from vip_factors.stages.windows import WindowPlan

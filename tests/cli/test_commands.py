@@ -24,7 +24,7 @@ def test_info_tells_sensors_and_solves(run, files) -> None:
 
 def test_info_of_a_long_recording_reads_no_samples(run, files, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run("info", files.recording).out.splitlines()
-    monkeypatch.setattr("vip_factors.cli.info.READ_S", 0.0)
+    monkeypatch.setattr("vip_factors.cli.views.READ_S", 0.0)
     told = run("info", files.recording).out.splitlines()
     assert told[:-2] == whole
     assert "index" in told[-1]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from vip_factors.cli.run import RunOptions, run_options, usual_folder
+from vip_factors.cli.smooth import RunOptions, run_options, usual_folder
 from vip_factors.errors import InputError
 from vip_factors.workflow import check, steps
 

@@ -43,8 +43,8 @@ class CalibrateCameraOptions(WritingOptions):
     """Number of distortion coefficients: 4 for most lenses, 8 for wide-angle ones."""
 
 
-def main(options: CalibrateCameraOptions) -> None:
-    """Calibrate a camera from the command line's arguments."""
+def execute_calibrate_camera(options: CalibrateCameraOptions) -> None:
+    """Run ``vip-factors calibrate-camera``."""
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     board = _board(options)

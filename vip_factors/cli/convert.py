@@ -1,4 +1,4 @@
-"""``vip-factors convert``: a recording from sensor logs; with a video's 2D poses, a scene."""
+"""``vip-factors convert``: a recording from sensor logs, with 2D poses a scene; ``detect``: 2D poses from a video."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.cli.options import UNPREFIXED, Input, Output, WritingOptions
-from vip_factors.cli.terminal import note, say, waiting
+from vip_factors.cli.options import UNPREFIXED, Input, Output, WritingOptions, beside
+from vip_factors.cli.terminal import note, print_tables, progress_bar, say, waiting
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
 from vip_factors.io.settings import CameraOptions, LogOptions
 
@@ -86,10 +87,9 @@ class ConvertOptions(LogArguments, WritingOptions):
     """Name of a camera that is carried although --static-camera is given. Repeatable."""
 
 
-def main(options: ConvertOptions) -> None:
-    """Convert a log as the command line's arguments say."""
+def execute_convert(options: ConvertOptions) -> None:
+    """Run ``vip-factors convert``."""
     from vip_factors.api import convert
-    from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.recordings import recording_tables, scene_tables
     from vip_factors.io.mcap_recording import write_recording
 
@@ -189,3 +189,36 @@ def _names(detections: Sequence[Path]) -> list[str]:
         if len(set(parts)) == len(parts):
             return parts
     return [f"camera {number + 1}" for number in range(len(detections))]
+
+
+@dataclass(frozen=True)
+class DetectOptions(WritingOptions):
+    """Detect and track the 2D poses of all people in a video.
+
+    The file has MMPose's format, with keypoint names, frame times and a track number per person, for convert
+    --detections. Needs: pip install 'vip-factors[detect]'.
+
+    The model is BlazePose with 33 keypoints, downloaded once with pip; --model uses another ONNX model.
+    """
+
+    video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
+    """Video (.mp4, .mov …)."""
+    out: Annotated[Path | None, Output(".json")] = None
+    """File (.json) to write; VIDEO.poses.json if absent."""
+    overlay: Annotated[Path | None, Output(".mp4")] = None
+    """Also write the video (.mp4) with the poses drawn over it."""
+    settings: Annotated[DetectSettings, UNPREFIXED] = field(default_factory=DetectSettings)
+
+
+def execute_detect(options: DetectOptions) -> None:
+    """Run ``vip-factors detect``."""
+    from vip_factors.detect.video import detect_people, poses_summary
+
+    out = options.out or beside(options.video, ".poses.json")
+    with progress_bar() as progress:
+        poses = detect_people(
+            options.video, options.settings, progress, out=out, overlay=options.overlay, overwrite=options.overwrite
+        )
+    say("\n".join(poses_summary(poses)))
+    for path in filter(None, (out, options.overlay)):
+        say(path)

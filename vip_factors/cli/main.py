@@ -14,7 +14,6 @@ from vip_factors.errors import VipFactorsError, naming_file
 PROGRAM = "vip-factors"
 DESCRIPTION = "Body-worn inertial sensors and one camera in, 3D human motion out."
 BAD_INPUT = 2
-# Name → one line. The module of the same name (with _ for -) holds ``main(options)``, imported when asked for.
 COMMANDS = {
     "demo": "reconstruct a recording that the package makes itself",
     "convert": "bring sensor logs, 2D poses and a camera into one recording",

@@ -4,7 +4,7 @@ import ast
 import inspect
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cache, partial
 from importlib import import_module
@@ -40,6 +40,14 @@ Flag = tyro.conf.FlagCreatePairsOff[bool]
 UNPREFIXED = tyro.conf.arg(name="", prefix_name=False)
 """Marks a dataclass among options whose fields are options of their own names: ``Annotated[Settings, UNPREFIXED]``."""
 
+# Modules of several commands; any other command is in the module of its name. A command is a function, execute_….
+MODULES = {
+    "convert": ("convert", "detect"),
+    "recordings": ("simulate", "demo", "sync"),
+    "results": ("body", "evaluate", "export", "gait", "repetitions"),
+    "smooth": ("smooth", "run"),
+    "views": ("info", "graph", "report", "view"),
+}
 FailOn = Literal["never", "care", "doubt"]
 FAILED = 3
 
@@ -57,7 +65,7 @@ def fail_on(limit: FailOn, verdict: "Verdict") -> None:
 
 
 def run_command(command: str, prog: str, words: Sequence[str]) -> None:
-    """Run ``main`` of the module of a command with the options that the words after it make.
+    """Run a command with the options that the words after it make.
 
     Raises:
         InputError: as :func:`parse`, and for a file that exists and may not be replaced, or cannot be written.
@@ -66,17 +74,20 @@ def run_command(command: str, prog: str, words: Sequence[str]) -> None:
     for path, mark in _marked_files(options):
         if isinstance(mark, Output) and not mark.may_exist:
             check_target(path, options.overwrite)
-    _command_module(command).main(options)
+    _command(command)(options)
 
 
 def options_of(command: str) -> type[Any]:
-    """Dataclass of a command's options, which its ``main`` takes; its module is imported."""
-    options: type[Any] = _command_module(command).main.__annotations__["options"]
+    """Dataclass of a command's options; the module of the command is imported."""
+    options: type[Any] = _command(command).__annotations__["options"]
     return options
 
 
-def _command_module(command: str) -> Any:
-    return import_module(f"vip_factors.cli.{command.replace('-', '_')}")
+def _command(command: str) -> Callable[[Any], None]:
+    name = command.replace("-", "_")
+    module = next((module for module, commands in MODULES.items() if name in commands), name)
+    function: Callable[[Any], None] = getattr(import_module(f"vip_factors.cli.{module}"), f"execute_{name}")
+    return function
 
 
 def parse(options: type[Options], prog: str, words: Sequence[str]) -> Options:

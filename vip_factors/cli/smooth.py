@@ -1,17 +1,35 @@
-"""``vip-factors smooth``: a recording or a scene in, an estimate out."""
+"""``vip-factors smooth``: an estimate from a recording; ``run``: from a video and sensor logs, step by step."""
 
 import shlex
 import sys
-from dataclasses import dataclass, field
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, SettingsOptions, beside, fail_on
+from vip_factors.cli.convert import ConvertOptions, DetectOptions, LogArguments, camera_options, import_options
+from vip_factors.cli.options import (
+    UNPREFIXED,
+    FailOn,
+    Flag,
+    ManyOptions,
+    Output,
+    SettingsOptions,
+    beside,
+    fail_on,
+    parse,
+)
 from vip_factors.cli.terminal import progress_bar, say
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
+from vip_factors.io.settings import LogOptions
 from vip_factors.settings import Settings
+
+if TYPE_CHECKING:
+    from vip_factors.workflow import RunOptions as Run
 
 
 @dataclass(frozen=True)
@@ -33,8 +51,8 @@ class SmoothOptions(SettingsOptions, ManyOptions):
     settings: Annotated[Settings, UNPREFIXED] = field(default_factory=Settings)
 
 
-def main(options: SmoothOptions) -> None:
-    """Run the command with its parsed options."""
+def execute_smooth(options: SmoothOptions) -> None:
+    """Run ``vip-factors smooth``."""
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.workflow import estimate_lines, smooth_file
 
@@ -47,17 +65,214 @@ def main(options: SmoothOptions) -> None:
         )
     for line in estimate_lines(estimate, frames):
         say(line)
-    _tell_file(out, options)
+    say(out)
+    if sys.stdout.isatty():
+        written, recording = (shlex.quote(str(path)) for path in (out, options.recording[0]))
+        say(
+            f"next: vip-factors view {written} {recording}, vip-factors report {written} --recording {recording}, "
+            f"vip-factors export {written} {shlex.quote(str(beside(out, '.bvh')))}"
+        )
     fail_on(options.fail_on, estimate.verdict)
 
 
-def _tell_file(out: Path, options: SmoothOptions) -> None:
-    """The file, for scripts; and to who sits before a terminal what may be done with it."""
-    say(out)
-    if sys.stdout.isatty():
-        estimate, recording = (shlex.quote(str(path)) for path in (out, options.recording[0]))
-        export = shlex.quote(str(beside(out, ".bvh")))
-        say(
-            f"next: vip-factors view {estimate} {recording}, vip-factors report {estimate} --recording {recording}, "
-            f"vip-factors export {estimate} {export}"
+@dataclass(frozen=True)
+class RunOptions(LogArguments):
+    """Reconstruct motion from videos and sensor logs in one command: run --video walk.mp4 --log xsens/ --placement
+    p.toml
+
+    Runs detect, convert, sync, smooth, report and export, and writes their files into one folder. A later run repeats
+    only the steps whose inputs or options changed.
+
+    Several wearers: repeat --log and --placement, in the same order. Without --video and --detections, only the sensors
+    are used.
+    """
+
+    log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
+    """Sensor log of a wearer: file or folder in any format of convert."""
+    placement: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PLACEMENT")] = ()
+    """Sites of the sensors: placement file (.toml, .json) or preset (sip6, tnt10, totalcapture13, mvn17); default: from
+    the names of the sensors. The file may also hold the wearer's name, stature and initial pose."""
+    video: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="VIDEO")] = ()
+    """Video of the wearers, once for each camera."""
+    camera: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="CAMERA")] = ()
+    """Camera file from vip-factors calibrate-camera, once for all cameras or once for each; default: the focal length
+    is estimated."""
+    out: Path | None = None
+    """Folder for all files; default: VIDEO_motion beside the video."""
+    export: Annotated[
+        tuple[Path, ...], Output(may_exist=True), tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")
+    ] = ()
+    """Export file; the suffix selects the format. Repeatable."""
+    report: bool = True
+    """Write report.html, a page with the verdict, the results and a 3D view."""
+    static_camera: Flag = False
+    """The camera stands still."""
+    carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
+    """Name of a camera (its video file without suffix) that is carried although --static-camera is given."""
+    camera_path: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH")] = ()
+    """Path of a carried camera from ARKit, ARCore or SLAM (TUM format), once for each carried camera."""
+    time_offset_s: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
+    """Seconds to add to the video's times to match the sensors; default: sync estimates them."""
+    detections: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="POSES")] = ()
+    """2D poses of an earlier detection, once for each camera; the detector does not run."""
+    video_rate: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
+    """Frames per second of --detections, if neither they nor a video give times."""
+    overlay: Flag = False
+    """Also write poses.mp4, the video with the 2D poses."""
+    detect_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
+    """Further options of vip-factors detect, quoted after =: --detect-options="--model rtmpose.onnx"."""
+    convert_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
+    """Further options of vip-factors convert, for every log: --convert-options="--camera-imu phone"."""
+    smooth_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
+    """Further options of vip-factors smooth."""
+    assign: Flag = False
+    """Exchange sensors that are listed in each other's place."""
+    fail_on: FailOn = "never"
+    """Exit with code 3 if the verdict is this or worse; files are written anyway."""
+    overwrite: Flag = False
+    """Replace files that an earlier run did not write."""
+
+
+def execute_run(options: RunOptions) -> None:
+    """Run ``vip-factors run``."""
+    from vip_factors.cli.workers import windows_elsewhere
+    from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.workflow import ESTIMATE, check, steps, take
+
+    begin = time.perf_counter()
+    run, smooth = run_options(options), _smooth_options(options)
+    check(run)
+    run.out.mkdir(parents=True, exist_ok=True)
+    with windows_elsewhere(smooth.jobs, smooth.cluster) as map_fn:
+        for step in steps(run, map_fn):
+            with progress_bar() as progress:
+                result = take(step, run.out / "steps", run.overwrite, progress)
+            when = "as before" if result.seconds is None else f"{result.seconds:.1f} s"
+            say(f"{step.name:<16} {when:>9}  {'  '.join(map(str, result.files))}")
+            for line in result.lines:
+                say(f"  {line}")
+    say(f"{time.perf_counter() - begin:.1f} s in all, files in {run.out}")
+    fail_on(options.fail_on, read_estimate(run.out / ESTIMATE).verdict)
+
+
+def _check(options: RunOptions) -> None:
+    """Refuse options that do not go together."""
+    if not options.log:
+        raise InputError("no --log is given: expected the file or folder of a wearer's sensors")
+    if options.placement and len(options.placement) != len(options.log):
+        raise InputError(
+            f"{len(options.log)} --log and {len(options.placement)} --placement are given: expected one placement for "
+            "each log, in the same order"
         )
+    if options.then and len(options.log) > 1:
+        raise InputError(f"{len(options.log)} --log and --then are given: convert the parts of each wearer before")
+    if not options.video:
+        usual = RunOptions()
+        poses = bool(options.detections)
+        of_poses = (
+            () if poses else ("camera", "static_camera", "carried_camera", "camera_path", "time_offset_s", "video_rate")
+        )
+        of_video = (*of_poses, "overlay")
+        names = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
+        if names:
+            raise InputError(f"{', '.join(names)} given without --video{'' if poses else ' or --detections'}")
+    if options.detections and (options.overlay or options.detect_options):
+        raise InputError("--detections replaces the detector: leave out --overlay and --detect-options")
+    if any(word.startswith("--fail-on") for word in _words(options.smooth_options)):
+        raise InputError(f"{options.smooth_options}: give --fail-on to run, not in --smooth-options")
+
+
+def usual_folder(options: RunOptions) -> Path:
+    """Beside the video, or else the first log."""
+    source = (options.video or options.log)[0]
+    if not source.name:  # this folder
+        source = source.resolve()
+    return source.with_name(f"{source.stem if source.is_file() else source.name}_motion")
+
+
+def run_options(options: RunOptions) -> "Run":
+    """Translate the command line into the options of :func:`vip_factors.workflow.run`.
+
+    Raises:
+        InputError: for options that do not go together.
+        SystemExit: for options that are passed on and that no step knows.
+    """
+    _check(options)
+    from vip_factors.workflow import RunOptions as Run
+
+    folder = options.out or usual_folder(options)
+    filmed = _camera_words(options, folder)
+    placements: Sequence[str | None] = options.placement or [None] * len(options.log)
+    words = [*_words(options.convert_options), *filmed]
+    converted = [
+        parse(
+            ConvertOptions,
+            "vip-factors convert",
+            [str(log), str(folder / "recording.mcap"), *_given("--placement", placement), *words],
+        )
+        for log, placement in zip(options.log, placements, strict=True)
+    ]
+    return Run(
+        logs=tuple(
+            (log, replace(import_options(parsed), **_declared_options(options)))
+            for log, parsed in zip(options.log, converted, strict=True)
+        ),
+        out=folder,
+        cameras=tuple(camera_options(converted[0])) if filmed else (),
+        detector=_detector(options),
+        overlay=options.overlay,
+        sync=not options.time_offset_s,
+        settings=_smooth_options(options).settings,
+        report=options.report,
+        exports=options.export,
+        overwrite=options.overwrite,
+    )
+
+
+def _declared_options(options: LogOptions) -> dict[str, Any]:
+    """Return the declared properties of a log, by name."""
+    values = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
+    return {name: value for name, value in values.items() if value != getattr(LogOptions(), name)}
+
+
+def _camera_words(options: RunOptions, folder: Path) -> list[str]:
+    """Return the words that ``convert`` would get about the cameras."""
+    if not (options.video or options.detections):
+        return []
+    names = ["poses"] if len(options.video) == 1 else [f"poses-{number + 1}" for number in range(len(options.video))]
+    words = ["--static-camera"] * options.static_camera
+    for option, values in {
+        "--detections": options.detections or [folder / f"{name}.json" for name in names],
+        "--camera": options.camera,
+        "--video": options.video,
+        "--video-rate": options.video_rate,
+        "--time-offset-s": options.time_offset_s,
+        "--carried-camera": options.carried_camera,
+        "--camera-path": options.camera_path,
+        "--camera-name": [video.stem for video in options.video] if len(options.video) > 1 else (),
+    }.items():
+        words += [word for value in values for word in _given(option, value)]
+    return words
+
+
+def _detector(options: RunOptions) -> DetectSettings | None:
+    if not options.video or options.detections:
+        return None
+    return parse(DetectOptions, "vip-factors detect", [str(options.video[0]), *_words(options.detect_options)]).settings
+
+
+def _smooth_options(options: RunOptions) -> SmoothOptions:
+
+    words = ["recording.mcap", *["--assign"] * options.assign, *_words(options.smooth_options)]
+    return parse(SmoothOptions, "vip-factors smooth", words)
+
+
+def _given(option: str, value: object) -> list[str]:
+    return [] if value is None else [option, str(value)]
+
+
+def _words(text: str) -> list[str]:
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise InputError(f"{text}: expected options as on a command line; {error}") from error

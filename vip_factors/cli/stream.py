@@ -92,7 +92,7 @@ class StreamOptions(SettingsOptions, ManyOptions):
     settings: Annotated[LiveSettings, UNPREFIXED] = field(default_factory=LiveSettings)
 
 
-def main(options: StreamOptions) -> None:
+def execute_stream(options: StreamOptions) -> None:
     """Run the command with its parsed options."""
     settings = options.settings if options.lag is None else replace(options.settings, lag_s=options.lag)
     _check(options)

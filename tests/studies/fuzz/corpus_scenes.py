@@ -18,9 +18,9 @@ from tests.studies.fuzz.corpus import FLOOR, written, written_motions, xsens_log
 from tests.studies.fuzz.mutations import varint
 from tests.studies.fuzz.run import Case, Files
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.cli.info import file_tables
 from vip_factors.cli.options import run_command
 from vip_factors.cli.terminal import terminal_text
+from vip_factors.cli.views import file_tables
 from vip_factors.errors import FileFormatError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene

@@ -8,8 +8,8 @@ import numpy as np
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.io.importers.column_map import ACCELERATION_UNITS, ANGULAR_RATE_UNITS, TIME_UNITS
-from vip_factors.io.importers.table import R_UP
 from vip_factors.io.importers.text_table import SEPARATORS
+from vip_factors.io.importers.units import R_UP
 from vip_factors.sensors.imu_stream import ImuStream
 
 GRAVITY = np.array([0.0, 0.0, 9.81])

@@ -14,11 +14,11 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import ImportOptions, read_log
-from vip_factors.io.importers.clocks import column_times, stated_rate, turning_hz, turning_scale
+from vip_factors.io.importers.clocks import column_times, counter_column, stated_rate
 from vip_factors.io.importers.column_map import TIME_UNITS
-from vip_factors.io.importers.packet_counters import counter_column
 from vip_factors.io.importers.shared import ImportedLog, likely_sites
 from vip_factors.io.importers.text_table import read_text_table
+from vip_factors.io.importers.units import turning_hz, turning_scale
 from vip_factors.sensors.imu_stream import ImuStream
 
 AXES = [f"{quantity}_{axis}" for quantity in ("acc", "gyr") for axis in "xyz"]

@@ -16,8 +16,8 @@ from vip_factors.geometry.rotations import exp
 from vip_factors.io.convert import ImportOptions, import_recording, read_log
 from vip_factors.io.importers.column_map import ACCELERATION_UNITS, ANGULAR_RATE_UNITS, TIME_UNITS, read_column_map
 from vip_factors.io.importers.shared import ImportedLog
-from vip_factors.io.importers.table import R_UP, best_reading
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect, read_text_table
+from vip_factors.io.importers.units import R_UP, best_reading
 from vip_factors.sensors.imu_stream import ImuStream
 
 layouts = st.builds(

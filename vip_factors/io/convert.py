@@ -313,7 +313,7 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_
         FileFormatError: if its format is unknown and no column's name gives a quantity.
     """
     from vip_factors.io.importers.column_guess import guess
-    from vip_factors.io.importers.unit_guess import PLEASE_DECLARE
+    from vip_factors.io.importers.units import PLEASE_DECLARE
 
     path = Path(path)
     stem = name.with_suffix("") if name.suffix.lower() == ".toml" else name

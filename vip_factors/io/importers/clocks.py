@@ -1,18 +1,18 @@
-"""The clock of a table's samples: a column of times in any unit or as dates, a packet counter at a rate, a rate."""
+"""The clock of a table's samples: a column of times in any unit or as dates, a packet counter at a rate, a rate.
+
+Packet counters show which packets were lost, came late or twice.
+"""
 
 import re
-from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.geometry.rotations import Array, angle_between
-from vip_factors.io.importers.column_map import ANGULAR_RATE_UNITS, PLAUSIBLE_RATES_HZ, TIME_UNITS, SensorColumns
-from vip_factors.io.importers.packet_counters import LATE_SAMPLES, counter_column, order_packets, restart_note
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.importers.column_map import PLAUSIBLE_RATES_HZ, TIME_UNITS, SensorColumns
 from vip_factors.io.importers.text_table import TextTable
-from vip_factors.sensors.imu_stream import ImuStream, rate_of
+from vip_factors.sensors.imu_stream import rate_of
 
 BODY_RATES_HZ = (16.0, 2000.0)  # of logs of people who move; what lies outside is likely another unit of time
 STATED_FACTOR = 3.0  # by which times and a stated rate may disagree: sensors drop to half their rate, not to a tenth
@@ -33,6 +33,18 @@ _TIME = re.compile(
     r"\s*([ap]m)?\s*(?:z|([+-]\d\d):?(\d\d))?",
     re.IGNORECASE,
 )
+
+COUNTER_MODULI = (2**8, 2**16, 2**32)
+LATE_SAMPLES = 20  # places by which radio delivers late; a longer way back is a restart
+WRAP_LOSS, ZERO_LOSS = 1000, 32  # packets lost over a wrap, at most, and if the count goes on at 0 or 1
+REPEATED_COUNTS = 3  # that come twice with other samples; more are a restart
+_COUNTER_NAME = re.compile(
+    r"(packet|pkt|sample|frame|data|message|msg|seq\w*)[ _.-]*(counter|count|cnt|number|num|no|nr|id|index|#)\.?$"
+    r"|(^|[ _.-])(counter|packet|pkt|seq|sequence)$",
+    re.IGNORECASE,
+)
+# Names of counters only if they step by 1.
+_ROW_NAME = re.compile(r"sample|frame|index|count|number|num|no\.?|nr\.?", re.IGNORECASE)
 
 
 class Clock(NamedTuple):
@@ -119,60 +131,6 @@ def _check_step(table: TextTable, entry: SensorColumns, time: Array, notes: list
     notes.append(f"{table.path.name}: {sentence}")
 
 
-def check_turning(
-    path: Path, entries: Mapping[str, SensorColumns], streams: Mapping[str, ImuStream], notes: list[str]
-) -> None:
-    """Refuse angular rates that do not turn as far as orientations; note those at frequencies of no body."""
-    tolerated, near = 2.0, 1.1  # factors: of filters that lag and wrong axes; of units that explain it
-    fastest_hz = 12.0  # half of what gyroscopes measured of walks, jumps and gestures was below 0.4 to 6 Hz
-    halves = [hz for stream in streams.values() if (hz := turning_hz(stream)) is not None]
-    if halves and (half := float(np.median(halves))) > fastest_hz:
-        notes.append(f"{path.name}: gyroscopes turn at {half:.3g} Hz, people's are below 6 Hz: check time_unit")
-    scales = {name: scale for name, stream in streams.items() if (scale := turning_scale(stream)) is not None}
-    scale = float(np.median(list(scales.values()))) if scales else 1.0
-    if 1 / tolerated < scale < tolerated:
-        return
-    entry, rate, factors = entries[name := next(iter(scales))], streams[name].rate / scale, dict[str, float]()
-    is_timed = entry.time is not None and entry.rate_hz is None
-    for key, units in (("angular_rate_unit", ANGULAR_RATE_UNITS), *[("time_unit", TIME_UNITS)] * is_timed):
-        factors |= {f"{key} '{unit}'": factor / units[getattr(entry, key)] for unit, factor in units.items()}
-    factors |= {"ticks of 1/32768 s": 1 / 32_768 / TIME_UNITS[entry.time_unit]} if is_timed else {}
-    fits = [words for words, factor in factors.items() if 1 / near < factor / scale < near]
-    fits += [f"rate_hz {rate:.4g}{' instead of time' * is_timed}"] * (BODY_RATES_HZ[0] <= rate <= BODY_RATES_HZ[1])
-    raise FileFormatError(
-        f"{path}: orientations turn {scale:.3g} times as far as angular rates say, at {rate * scale:.4g} samples a "
-        f"second: expected as far; {' or '.join(fits) or 'no known unit'} would fit"
-    )
-
-
-def turning_hz(stream: ImuStream) -> float | None:
-    """Frequency below which half of the power of the angular rate lies; None for a sensor that hardly turns."""
-    from scipy.signal import periodogram  # late: it takes long to import
-
-    least = 0.2  # rad/s, standard deviation: less may be noise, which has no frequency
-    if stream.angular_rate is None or np.linalg.norm(np.std(stream.angular_rate, axis=0)) < least:
-        return None
-    hertz, power = periodogram(stream.angular_rate, stream.rate, axis=0)
-    below = np.cumsum(power.sum(axis=1))
-    return float(hertz[np.searchsorted(below, below[-1] / 2)])
-
-
-def turning_scale(stream: ImuStream) -> float | None:
-    """Ratio of the turns by orientations and by angular rates, the median over the steps that turn most, or None."""
-    span, fewest, least = 4, 20, 0.02  # samples, as some makers repeat orientations; steps; rad, more than noise
-    R, rate = stream.R_inertial_sensor, stream.angular_rate
-    if R is None or rate is None or len(stream) <= span + 1:
-        return None
-    swept = np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(stream.time)[:, None], axis=0)
-    by_rate, turned = np.linalg.norm(swept[span:] - swept[:-span], axis=1), angle_between(R[1:-span], R[1 + span :])
-    is_turning = turned >= max(least, float(np.quantile(turned, 0.75, method="lower")))
-    return (
-        float(np.median(turned[is_turning] / np.maximum(by_rate[is_turning], 1e-9)))
-        if np.sum(is_turning) >= fewest
-        else None
-    )
-
-
 def column_times(table: TextTable, column: int, unit: str) -> Array:
     """Times ``(N,)`` in seconds: numbers in the unit, dates since 1970, or times of day, over midnight too.
 
@@ -200,20 +158,19 @@ def column_times(table: TextTable, column: int, unit: str) -> Array:
 
 def _dated(table: TextTable, column: int, cells: list[str]) -> Array:
     matches = [_TIME.fullmatch(cell) for cell in cells]
-    wrong = next((i for i, match in enumerate(matches) if match is None and cells[i]), None)
-    if wrong is not None:
-        raise FileFormatError(
-            f"{table.path}, line {table.lines[wrong]}: column '{table.names[column]}' is '{cells[wrong][:40]}': "
-            f"expected a time as in '{cells[0]}'"
-        )
+    for cell, match, line in zip(cells, matches, table.lines, strict=True):
+        if cell and match is None:
+            raise FileFormatError(
+                f"{table.path}, line {line}: column '{table.names[column]}' is '{cell[:40]}': expected a time as in "
+                f"'{cells[0]}'"
+            )
     seconds = np.array([_second_of_day(match) for match in matches])
     dates = {match.group(1, 2, 3) for match in matches if match and match[1]}
     if not dates:  # minutes and seconds alone begin anew each hour
         return _unwrapped(seconds, DAY_S if any(match and match[4] for match in matches) else HOUR_S)
     first, second, _ = (set(numbers) for numbers in zip(*dates, strict=True))
-    is_day_first = (
-        "." in cells[0][:3] or max(map(int, first)) > 12 or len(first) > len(second)
-    )  # days change, not months
+    # Within a recording days change rather than months.
+    is_day_first = "." in cells[0][:3] or max(map(int, first)) > 12 or len(first) > len(second)
     order = (0, 1, 2) if len(next(iter(first))) == 4 else (2, 1, 0) if is_day_first else (2, 0, 1)
     iso = {date: "-".join(f"{date[i]:0>2}" for i in order) for date in dates}
     try:
@@ -222,9 +179,8 @@ def _dated(table: TextTable, column: int, cells: list[str]) -> Array:
         raise FileFormatError(
             f"{table.path}: '{cells[0]}' is no date: expected such as 2023-05-04 10:11:12.5"
         ) from None
-    if (zone := re.search(r"\(([+-]?\d\d):?(\d\d)\)", table.names[column])) and not any(
-        match and match[9] for match in matches
-    ):
+    zone = re.search(r"\(([+-]?\d\d):?(\d\d)\)", table.names[column])
+    if zone and not any(match and match[9] for match in matches):
         seconds = seconds - 60.0 * _minutes_east(zone[1], zone[2])
     return seconds + DAY_S * np.array([days[match.group(1, 2, 3)] if match else np.nan for match in matches])
 
@@ -276,7 +232,7 @@ def _ordered(
     copies = [i for i in np.flatnonzero(np.diff(time) == 0) + 1 if table.rows[rows[i]] == table.rows[rows[i - 1]]]
     if copies:
         notes.append(f"{name}: {len(copies)} rows that repeat the one before dropped")
-    rows, time = np.delete(rows, copies), np.delete(time, copies)
+        rows, time = np.delete(rows, copies), np.delete(time, copies)
     if shared := int(np.sum(np.diff(time) == 0)):
         notes.append(
             f"{name}: {shared} of {len(time)} samples share the time in '{label}' with the one before: spread evenly "
@@ -295,6 +251,100 @@ def _spread(time: Array) -> Array:
     step = np.append(np.where(step > SPREAD * usual, usual, step), usual)
     if sizes[0] < np.median(sizes):  # the log begins within a packet
         step[0], stamps[0] = usual, stamps[1] - sizes[0] * usual
-    return np.asarray(
-        np.repeat(stamps, sizes) + (np.arange(len(time)) - np.repeat(starts, sizes)) * np.repeat(step, sizes)
-    )
+    position = np.arange(len(time)) - np.repeat(starts, sizes)
+    return np.asarray(np.repeat(stamps, sizes) + position * np.repeat(step, sizes))
+
+
+class Packets(NamedTuple):
+    """Indices ``(M,)`` of rows in order, their unwrapped counts, which increase strictly, and where these wrap."""
+
+    rows: np.ndarray
+    counts: np.ndarray
+    modulus: int
+
+
+def counter_column(table: TextTable) -> int | None:
+    """The first column whose name and numbers are a packet counter's, or None."""
+    for column, name in enumerate(table.names):
+        is_row_name = _ROW_NAME.fullmatch(name.strip()) is not None
+        if not (is_row_name or _COUNTER_NAME.search(name.strip())) or table.names.count(name) > 1:
+            continue
+        try:
+            values = table.numbers([column])
+        except FileFormatError:
+            continue
+        values = values[np.isfinite(values)]
+        step = np.diff(values) % _modulus(values)
+        is_counting = np.all(values % 1 == 0) and np.any(step > 0) and np.mean(step <= LATE_SAMPLES) > 0.5
+        if is_counting and (np.median(step) == 1 or not is_row_name):
+            return column
+    return None
+
+
+def _modulus(counter: Array) -> int:
+    return next((modulus for modulus in COUNTER_MODULI if np.max(counter, initial=0) < modulus), COUNTER_MODULI[-1])
+
+
+def order_packets(table: TextTable, column: int, rows: np.ndarray, notes: list[str], least_modulus: int = 0) -> Packets:
+    """Unwrap, sort and de-duplicate the packet counter of some rows; those without a count are left out.
+
+    Raises:
+        FileFormatError: if the counter begins again, or no row has a count.
+    """
+    name, label = table.path.name, table.names[column]
+    values = table.numbers([column])[:, 0]
+    counted = rows[np.isfinite(values[rows])]
+    if not len(counted):
+        raise FileFormatError(f"{table.path}: column '{label}' holds no packet counter: expected whole numbers")
+    counter = values[counted].astype(np.int64)
+    modulus = max(_modulus(counter), least_modulus)
+    count, is_restart = _counts_over_wraps(counter, modulus)
+    starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1))
+    sizes = np.diff(starts, append=len(count))
+    if (size := int(np.median(sizes))) > 1:  # several samples in a packet
+        position = np.arange(len(count)) - np.repeat(starts, sizes)
+        count, modulus = count * size + np.minimum(position, size - 1), modulus * size
+    counts, first_rows, inverse = np.unique(count, return_index=True, return_inverse=True)
+    twice = np.flatnonzero(first_rows[inverse] != np.arange(len(count)))
+    changed = [i for i in twice if table.rows[counted[i]] != table.rows[counted[first_rows[inverse[i]]]]]
+    restarts = [*np.flatnonzero(is_restart), *(changed[:1] if len(changed) > REPEATED_COUNTS else [])]
+    if restarts:
+        restart = int(min(restarts))
+        raise FileFormatError(
+            f"{table.path}, line {table.lines[counted[restart]]}: the packet counter '{label}' falls from "
+            f"{counter[restart - 1]} to {counter[restart]}: expected it to grow, or a column of times that goes on; "
+            "split the file where the sensor was restarted"
+        )
+    if len(twice):
+        notes.append(f"{name}: {len(twice)} packets came twice; the first was kept")
+    if np.any(np.diff(first_rows) < 0):
+        notes.append(f"{name}: packets came out of order and were sorted")
+    if blank := len(rows) - len(counted):
+        notes.append(f"{name}: {blank} rows without a packet counter dropped")
+    if lost := int(counts[-1] - counts[0] + 1 - len(counts)):
+        notes.append(f"{name}: {lost} of {int(counts[-1] - counts[0] + 1)} packets lost")
+    return Packets(counted[first_rows], counts, modulus)
+
+
+def _counts_over_wraps(counter: np.ndarray, modulus: int) -> tuple[np.ndarray, np.ndarray]:
+    """Counts that go on over wraps, and whether the counter begins again at each."""
+    step = np.diff(counter, prepend=counter[:1])
+    forward = step % modulus
+    is_late = modulus - forward <= LATE_SAMPLES
+    loss = np.where(counter <= 1, ZERO_LOSS, min(modulus // 2, WRAP_LOSS))
+    is_restart = (step < 0) & ~is_late & (forward > loss)
+    return counter[0] + np.cumsum(np.where(is_late, forward - modulus, forward)), is_restart
+
+
+def restart_note(table: TextTable, error: FileFormatError, clock: str) -> str:
+    """A note that one clock begins again, as an error says, and that the other goes on and decides."""
+    what = str(error).replace(str(table.path), table.path.name, 1).partition(": expected")[0]
+    return f"{what}; {clock} goes on and decides"
+
+
+def common_base(counts: list[np.ndarray], modulus: float) -> list[np.ndarray]:
+    """Counts, or times, of several files shifted by whole turns so that their starts lie together, the first at 0."""
+    reference = counts[0][0]
+    shifted = [count + ((reference - count[0] + modulus / 2) // modulus) * modulus for count in counts]
+    earliest = min(count[0] for count in shifted)
+    return [count - earliest for count in shifted]

@@ -26,7 +26,7 @@ from vip_factors.io.importers.text_table import (
     read_text_table,
     split,
 )
-from vip_factors.io.importers.unit_guess import (
+from vip_factors.io.importers.units import (
     first_numbers,
     guess_clock,
     name_of_rate_unit,

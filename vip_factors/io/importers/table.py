@@ -2,29 +2,25 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 from msgspec import structs
 
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
-from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, continuous, interpolate_points
-from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.io.importers.clocks import Clock, check_turning, table_clock
+from vip_factors.geometry.quaternions import UNIT_TOLERANCE, continuous, interpolate_points
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.importers.clocks import Clock, common_base, table_clock
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
     GRAVITIES,
     QUANTITIES,
-    SENSES,
     UP_OR_DOWN,
-    UPS,
     ColumnMap,
     Columns,
     SensorColumns,
 )
-from vip_factors.io.importers.packet_counters import common_base
 from vip_factors.io.importers.shared import (
     GRAVITY,
     TILT_LIMIT_DEG,
@@ -34,26 +30,18 @@ from vip_factors.io.importers.shared import (
     candidates,
     default_sites,
     merge_notes,
-    rotations_or_nan,
     tilt_of_up,
     values_at,
     z_up,
 )
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
+from vip_factors.io.importers.units import GRAVITY_RANGE, TURNED_OVER, best_reading, check_turning, upright_rotations
 from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream, force_spikes, rate_spikes, with_orientation
 
 FORMAT = "table"
-# A worn sensor's specific force is 9.8 m/s² on the median, within the worst scale errors seen (22 %) and brisk motion.
-GRAVITY_RANGE = (5.0, 20.0)
 IMPOSSIBLE_TILT_DEG = 60.0  # of mean specific force from the vertical: mis-scaled and moving sensors stay within 5°
 SINCE_1970_S = 1e8  # times above it are no seconds since a recording's start, but Unix time
 SAME_TIME_S = 1e-4  # between times of one sample in two files: they are printed with four decimals and more
-
-R_UP = {
-    "z": np.eye(3),
-    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-    "-z": np.diag([1.0, -1.0, -1.0]),
-}  # from the quaternions' world to one whose z is up
 
 
 def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = None) -> ImportedLog:
@@ -145,25 +133,20 @@ class _TableLog:
 
     def table(self, name: str | None, where: str) -> TextTable:
         """The table of a name in the log's folder, or the log itself without a name."""
-        file = self._file(name, where)
-        if file not in self.tables:
-            self.tables[file] = read_text_table(file, self.columns.dialect)
-        return self.tables[file]
-
-    def _file(self, name: str | None, where: str) -> Path:
-        if name is not None:
-            folder = self.path if self.path.is_dir() else self.path.parent
-            if (folder / name).is_file():
-                return folder / name
+        folder = self.path if self.path.is_dir() else self.path.parent
+        if name is not None and not (folder / name).is_file():
             names = [file.name for file in candidates(folder, SUFFIXES)]
             raise InputError(f"{where}: file '{name}' is not in {folder}{nearest(name, names) if names else ''}")
         files = [self.path] if self.path.is_file() else candidates(self.path, SUFFIXES)
-        if len(files) == 1:
-            return files[0]
-        listing = ", ".join(file.name for file in files[:4]) or "none"
-        raise InputError(
-            f"{where}: file is missing, and {self.path} is not one table: expected its name; there are {listing}"
-        )
+        if name is None and len(files) != 1:
+            listing = ", ".join(file.name for file in files[:4]) or "none"
+            raise InputError(
+                f"{where}: file is missing, and {self.path} is not one table: expected its name; there are {listing}"
+            )
+        file = files[0] if name is None else folder / name
+        if file not in self.tables:
+            self.tables[file] = read_text_table(file, self.columns.dialect)
+        return self.tables[file]
 
     def samples(self, name: str, entry: SensorColumns, rows: Rows) -> tuple[Samples, float | None]:
         """The samples of a sensor, and the period of the packet counter that timed them."""
@@ -235,24 +218,6 @@ def _stream(
     if lost := len(time) - len(stream):
         notes.append(f"sensor '{name}': {lost} of {len(time)} samples with missing values, or impossible ones, dropped")
     return stream
-
-
-TURNED_OVER = (
-    "the quaternions' world is turned over (world_up '-z'); if their z axis points up in truth, the acceleration has "
-    "the opposite sign: change the sign in the log, and use world_up 'z'"
-)
-
-
-def upright_rotations(
-    quaternion: Array, order: str, sense: str, up: str, where: str = "", notes: list[str] | None = None
-) -> Array:
-    """Orientations ``(N, 3, 3)`` in a world whose z is up, of quaternions ``(N, 4)``; NaN where a row is missing.
-
-    Raises:
-        FileFormatError: if most rows are not of unit length.
-    """
-    R = rotations_or_nan(quaternion, Order(order), where, [] if notes is None else notes)
-    return R_UP[up] @ (R if sense == SENSES[0] else transpose(R))
 
 
 def _check_force(
@@ -346,21 +311,3 @@ def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, f
     if tilt > IMPOSSIBLE_TILT_DEG:
         raise FileFormatError(f"{where}: {sentence}")
     notes.append(f"{where}: {sentence}")
-
-
-def best_reading(quaternion: Array, force: Array) -> tuple[tuple[str, str, str], float]:
-    """Order, sense and upward axis under which specific force points up most steadily, and its mean tilt in degrees.
-
-    Args:
-        quaternion: ``(N, 4)``; rows with NaN do not count.
-        force: ``(N, 3)`` specific force, in any unit.
-    """
-    is_complete = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
-    quaternion, force = quaternion[is_complete], force[is_complete]
-    direction = force / np.linalg.norm(force, axis=1, keepdims=True).clip(1e-9)
-    tilts: dict[tuple[str, str, str], float] = {}
-    for reading in product((order.value for order in Order), SENSES, UPS):
-        upward = np.einsum("nij,nj->ni", upright_rotations(quaternion, *reading), direction)[:, 2]
-        tilts[reading] = float(np.rad2deg(np.mean(np.arccos(np.clip(upward, -1, 1)))))
-    best = min(tilts, key=tilts.__getitem__)
-    return best, tilts[best]

@@ -18,8 +18,7 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, nearest_rotation, rotation_x, rotation_y, rotation_z, transpose
-from vip_factors.io.importers.clocks import stated_rate
-from vip_factors.io.importers.packet_counters import Packets, common_base, order_packets, restart_note
+from vip_factors.io.importers.clocks import Packets, common_base, order_packets, restart_note, stated_rate
 from vip_factors.io.importers.shared import (
     GRAVITY,
     SAME_RATE,

@@ -1,21 +1,22 @@
-"""First guesses of a table's clock and units, for a column map that its owner then corrects.
+"""Units and clocks that the numbers of a table suggest: guessed for a column map, and checked in a conversion.
 
-The clock is a column of times with its unit, a packet counter, and the stated rate. Units follow from gravity's length,
-and from how fast the vertical turns against the gyroscope; acceleration and quaternion together give the quaternion's
-order, sense and upward axis.
+Units follow from gravity's length, and from how fast the vertical turns against the gyroscope; acceleration and
+quaternion together give the quaternion's order, sense and upward axis.
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 from msgspec import structs
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
-from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.io.importers.clocks import BODY_RATES_HZ, column_times, stated_rate
+from vip_factors.geometry.rotations import Array, angle_between, log, transpose
+from vip_factors.io.importers.clocks import BODY_RATES_HZ, column_times, counter_column, stated_rate
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
@@ -27,10 +28,21 @@ from vip_factors.io.importers.column_map import (
     Columns,
     SensorColumns,
 )
-from vip_factors.io.importers.packet_counters import counter_column
-from vip_factors.io.importers.table import GRAVITY_RANGE, TURNED_OVER, best_reading, upright_rotations
+from vip_factors.io.importers.shared import rotations_or_nan
 from vip_factors.io.importers.text_table import TextTable, number, split
+from vip_factors.sensors.imu_stream import ImuStream
 
+# A worn sensor's specific force is 9.8 m/s² on the median, within the worst scale errors seen (22 %) and brisk motion.
+GRAVITY_RANGE = (5.0, 20.0)
+R_UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "-z": np.diag([1.0, -1.0, -1.0]),
+}  # from the quaternions' world to one whose z is up
+TURNED_OVER = (
+    "the quaternions' world is turned over (world_up '-z'); if their z axis points up in truth, the acceleration has "
+    "the opposite sign: change the sign in the log, and use world_up 'z'"
+)
 _TIMES = ("time", "timestamp", "t", "seconds", "sec", "elapsed", "epoch", "clock", "datetime", "date", "ticks", "tick")
 _TIME_UNIT_NAMES = {
     "s": r"s|sec\w*",
@@ -53,14 +65,11 @@ FASTEST_BODY = 20.0  # rad/s: feet and hands of people who walk stay below; larg
 
 def first_numbers(table: TextTable, names: tuple[str | int, ...]) -> Array | None:
     """Columns of the first :data:`USED_ROWS` rows ``(N, len(names))``; None if a cell is no number."""
+    table = replace(table, rows=table.rows[:USED_ROWS], lines=table.lines[:USED_ROWS])
     try:
-        return _shortened(table).numbers([table.index(name, "guess") for name in names])
+        return table.numbers([table.index(name, "guess") for name in names])
     except FileFormatError:
         return None
-
-
-def _shortened(table: TextTable) -> TextTable:
-    return replace(table, rows=table.rows[:USED_ROWS], lines=table.lines[:USED_ROWS])
 
 
 def guess_clock(table: TextTable) -> tuple[SensorColumns, dict[str, float]]:
@@ -70,6 +79,7 @@ def guess_clock(table: TextTable) -> tuple[SensorColumns, dict[str, float]]:
         FileFormatError: if a column of times has a cell that is none; its line is named.
     """
     counter, stated = counter_column(table), stated_rate(table)
+    table = replace(table, rows=table.rows[:USED_ROWS], lines=table.lines[:USED_ROWS])
     clock = SensorColumns(counter=None if counter is None else table.names[counter])
     first = split(table.rows[0], table.separator)
     for name in sorted((name for name in table.names if _rank(name) <= len(_TIMES)), key=_rank):
@@ -77,7 +87,7 @@ def guess_clock(table: TextTable) -> tuple[SensorColumns, dict[str, float]]:
         is_number = number(first[column].replace(",", ".")) is not None
         if table.names.count(name) > 1 or not (is_number or re.search(r":|\d\.\d\d\.\d", first[column])):
             continue
-        time = column_times(_shortened(table), column, "s")
+        time = column_times(table, column, "s")
         steps = np.diff(time[np.isfinite(time)])
         falls = np.sum(steps < 0) / max(len(steps), 1)
         if falls > GROWING or np.sum(steps > 0) < (GROWING * len(steps) if falls else 1):
@@ -139,12 +149,10 @@ def time_unit(
             return best, f"{rates[best]:.4g} samples a second as {best}, as gravity's direction turns"
         choices = " or ".join(f"{candidate} ({hertz:.4g} Hz)" for candidate, hertz in rates.items())
         return unit, f"{choices}: {PLEASE_DECLARE} time_unit"
+    hertz = f"{rates[unit]:.4g}"
     if BODY_RATES_HZ[0] <= rates[unit] <= BODY_RATES_HZ[1]:
-        return unit, f"{rates[unit]:.4g} samples a second as {unit}"
-    return (
-        unit,
-        f"{rates[unit]:.4g} SAMPLES A SECOND as {unit}: {PLEASE_DECLARE} time_unit, or rate_hz instead of time",
-    )
+        return unit, f"{hertz} samples a second as {unit}"
+    return unit, f"{hertz} SAMPLES A SECOND as {unit}: {PLEASE_DECLARE} time_unit, or rate_hz instead of time"
 
 
 def with_units(
@@ -164,10 +172,8 @@ def with_units(
         length = _median_length(force)
         low, high = GRAVITY_RANGE
         unit = next((name for name, factor in ACCELERATION_UNITS.items() if low <= length * factor <= high), None)
-        reason = f"acceleration: median length {length:.4g}"
-        reasons.append(
-            f"{reason}, so {unit}" if unit else f"{reason}: NEITHER m/s2, g NOR mg WITH GRAVITY, please look"
-        )
+        verdict = f", so {unit}" if unit else ": NEITHER m/s2, g NOR mg WITH GRAVITY, please look"
+        reasons.append(f"acceleration: median length {length:.4g}{verdict}")
         entry = structs.replace(entry, acceleration_unit=unit or "m/s2")
     if rate is not None:
         unit, reason = _rate_unit(rate_unit, time, force, rate)
@@ -244,3 +250,87 @@ def _turning(time: Array, force: Array, rate: Array) -> float | None:
     measured = np.diff(direction[1::stride], axis=0)
     energy = float(np.sum(predicted**2))
     return float(np.sum(predicted * measured)) / energy if energy > 0 else None
+
+
+def upright_rotations(
+    quaternion: Array, order: str, sense: str, up: str, where: str = "", notes: list[str] | None = None
+) -> Array:
+    """Orientations ``(N, 3, 3)`` in a world whose z is up, of quaternions ``(N, 4)``; NaN where a row is missing.
+
+    Raises:
+        FileFormatError: if most rows are not of unit length.
+    """
+    R = rotations_or_nan(quaternion, Order(order), where, [] if notes is None else notes)
+    return R_UP[up] @ (R if sense == SENSES[0] else transpose(R))
+
+
+def best_reading(quaternion: Array, force: Array) -> tuple[tuple[str, str, str], float]:
+    """Order, sense and upward axis under which specific force points up most steadily, and its mean tilt in degrees.
+
+    Args:
+        quaternion: ``(N, 4)``; rows with NaN do not count.
+        force: ``(N, 3)`` specific force, in any unit.
+    """
+    is_complete = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
+    quaternion, force = quaternion[is_complete], force[is_complete]
+    direction = force / np.linalg.norm(force, axis=1, keepdims=True).clip(1e-9)
+    tilts: dict[tuple[str, str, str], float] = {}
+    for reading in product((order.value for order in Order), SENSES, UPS):
+        upward = np.einsum("nij,nj->ni", upright_rotations(quaternion, *reading), direction)[:, 2]
+        tilts[reading] = float(np.rad2deg(np.mean(np.arccos(np.clip(upward, -1, 1)))))
+    best = min(tilts, key=tilts.__getitem__)
+    return best, tilts[best]
+
+
+def check_turning(
+    path: Path, entries: Mapping[str, SensorColumns], streams: Mapping[str, ImuStream], notes: list[str]
+) -> None:
+    """Refuse angular rates that do not turn as far as orientations; note those at frequencies of no body."""
+    tolerated, near = 2.0, 1.1  # factors: of filters that lag and wrong axes; of units that explain it
+    fastest_hz = 12.0  # half of what gyroscopes measured of walks, jumps and gestures was below 0.4 to 6 Hz
+    halves = [hz for stream in streams.values() if (hz := turning_hz(stream)) is not None]
+    if halves and (half := float(np.median(halves))) > fastest_hz:
+        notes.append(f"{path.name}: gyroscopes turn at {half:.3g} Hz, people's are below 6 Hz: check time_unit")
+    scales = {name: scale for name, stream in streams.items() if (scale := turning_scale(stream)) is not None}
+    scale = float(np.median(list(scales.values()))) if scales else 1.0
+    if 1 / tolerated < scale < tolerated:
+        return
+    entry, rate, factors = entries[name := next(iter(scales))], streams[name].rate / scale, dict[str, float]()
+    is_timed = entry.time is not None and entry.rate_hz is None
+    for key, units in (("angular_rate_unit", ANGULAR_RATE_UNITS), *[("time_unit", TIME_UNITS)] * is_timed):
+        factors |= {f"{key} '{unit}'": factor / units[getattr(entry, key)] for unit, factor in units.items()}
+    factors |= {"ticks of 1/32768 s": 1 / 32_768 / TIME_UNITS[entry.time_unit]} if is_timed else {}
+    fits = [words for words, factor in factors.items() if 1 / near < factor / scale < near]
+    fits += [f"rate_hz {rate:.4g}{' instead of time' * is_timed}"] * (BODY_RATES_HZ[0] <= rate <= BODY_RATES_HZ[1])
+    raise FileFormatError(
+        f"{path}: orientations turn {scale:.3g} times as far as angular rates say, at {rate * scale:.4g} samples a "
+        f"second: expected as far; {' or '.join(fits) or 'no known unit'} would fit"
+    )
+
+
+def turning_hz(stream: ImuStream) -> float | None:
+    """Frequency below which half of the power of the angular rate lies; None for a sensor that hardly turns."""
+    from scipy.signal import periodogram  # late: it takes long to import
+
+    least = 0.2  # rad/s, standard deviation: less may be noise, which has no frequency
+    if stream.angular_rate is None or np.linalg.norm(np.std(stream.angular_rate, axis=0)) < least:
+        return None
+    hertz, power = periodogram(stream.angular_rate, stream.rate, axis=0)
+    below = np.cumsum(power.sum(axis=1))
+    return float(hertz[np.searchsorted(below, below[-1] / 2)])
+
+
+def turning_scale(stream: ImuStream) -> float | None:
+    """Ratio of the turns by orientations and by angular rates, the median over the steps that turn most, or None."""
+    span, fewest, least = 4, 20, 0.02  # samples, as some makers repeat orientations; steps; rad, more than noise
+    R, rate = stream.R_inertial_sensor, stream.angular_rate
+    if R is None or rate is None or len(stream) <= span + 1:
+        return None
+    swept = np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(stream.time)[:, None], axis=0)
+    by_rate, turned = np.linalg.norm(swept[span:] - swept[:-span], axis=1), angle_between(R[1:-span], R[1 + span :])
+    is_turning = turned >= max(least, float(np.quantile(turned, 0.75, method="lower")))
+    return (
+        float(np.median(turned[is_turning] / np.maximum(by_rate[is_turning], 1e-9)))
+        if np.sum(is_turning) >= fewest
+        else None
+    )

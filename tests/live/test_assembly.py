@@ -129,8 +129,6 @@ def test_late_video_keeps_its_frame_and_is_dropped_beyond_the_lag() -> None:
         assembler.push(video(time))
     frame, *_ = assemble(stream(1.0, 1.0 + 1 / RATE), assembler, flush=False)
     assert [(video.frame, video.time) for video in frame.video] == [(54, 0.9)]
-    assert assembler.counts["late"] == 1
-    assert assembler.counts["duplicate"] == 1
     assert findings_of(assembler) == ("camera 'phone': 1 video frame came too late",)
 
 
@@ -168,14 +166,6 @@ def test_fast_and_slow_sensors(rate: float) -> None:
     np.testing.assert_allclose(
         [frame.R_inertial_sensor[1] for frame in frames[:100]], truth[:100], atol=0.4 / rate + 1e-5
     )
-
-
-@pytest.mark.parametrize(
-    ("columns", "rate", "lag"), [([], 60.0, 15), ([("a", "b")] * 2, 60.0, 15), (COLUMNS, 0.0, 15), (COLUMNS, 60.0, -1)]
-)
-def test_impossible_frames_are_refused(columns: list[tuple[str, str]], rate: float, lag: int) -> None:
-    with pytest.raises(InputError):
-        FrameAssembler(columns, rate, lag_frames=lag)
 
 
 @pytest.mark.parametrize("changes", [{"patience": 2.0}, {"settle": -1.0}, {"jump": float("nan")}, {"dead_after": 0.0}])

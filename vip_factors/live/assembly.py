@@ -2,22 +2,20 @@
 
 import math
 from bisect import insort
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, FindingLog
 from vip_factors.live.measurement import LiveFrame
-from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video
-from vip_factors.live.source_clocks import Admitted, SensorPresence, StreamClocks
+from vip_factors.live.sensor_samples import SampleError, SensorBuffer, checked_imu, checked_video
+from vip_factors.live.source_clocks import SensorPresence, StreamClocks
 from vip_factors.sensors.imu_stream import AttitudeFilter
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import AssemblySettings
 
-MOST_GIVEN_OUT = 64  # video frames given out before, to detect repeated ones
 REPEAT_S = 10.0  # between equal findings about the same sensor
 MOST_JUMPS = 10  # clock jumps after which these are reported no more often either
 GATHER_S = 0.3  # of the stream, in which clocks that jump together are reported together
@@ -27,9 +25,9 @@ class VideoQueue:
     """Queue of video frames in the order of time."""
 
     def __init__(self) -> None:
+        compared = 128  # recent frames, to detect repeated ones
         self._waiting: list[tuple[float, str, int, VideoFrame]] = []
-        self._given_out: deque[tuple[str, float]] = deque(maxlen=MOST_GIVEN_OUT)
-        self._newest: dict[str, float] = {}  # s, by camera
+        self._recent: deque[tuple[str, float]] = deque(maxlen=compared)
         self._arrived = 0
 
     @property
@@ -37,28 +35,22 @@ class VideoQueue:
         """Seconds of the earliest waiting frame; infinite without one."""
         return self._waiting[0][0] if self._waiting else math.inf
 
-    def add(self, time: float, frame: VideoFrame) -> bool:
-        """Add a frame at ``time`` on the stream's clock; False if it is there already."""
+    def add(self, time: float, frame: VideoFrame) -> None:
+        """Add a frame at ``time`` on the stream's clock, unless it is there already."""
         same_time = 1e-6  # s
         most_waiting = 1024  # half a minute of one camera at 30 Hz
-        newest = self._newest.get(frame.camera, -math.inf)
-        if time <= newest + same_time:  # otherwise it is new: frames mostly come in order
-            waiting = [(camera, moment) for moment, camera, _, _ in self._waiting[-MOST_GIVEN_OUT:]]
-            for camera, moment in (*waiting, *self._given_out):
-                if camera == frame.camera and abs(moment - time) <= same_time:
-                    return False
-        self._newest[frame.camera] = max(newest, time)
+        if any(camera == frame.camera and abs(moment - time) <= same_time for camera, moment in self._recent):
+            return
+        self._recent.append((frame.camera, time))
         if len(self._waiting) >= most_waiting:
             self._waiting.pop(0)
         self._arrived += 1
         insort(self._waiting, (time, frame.camera, self._arrived, frame))
-        return True
 
     def take(self, end: float) -> list[tuple[float, VideoFrame]]:
         """Take the frames earlier than ``end``, in the order of time."""
         count = sum(entry[0] < end for entry in self._waiting)
         due, self._waiting = self._waiting[:count], self._waiting[count:]
-        self._given_out.extend((camera, time) for time, camera, _, _ in due)
         return [(time, frame) for time, _, _, frame in due]
 
 
@@ -71,10 +63,7 @@ class FrameAssembler:
     Frames begin at the first sample of any sensor, in step with the video if there is any by then. A frame is made as
     soon as every active sensor has reached it, or when the others are :attr:`AssemblySettings.patience` past it. The
     measurements equal :func:`vip_factors.sensors.frames.resample_streams` of the same streams. Samples that cannot be
-    used are left out, counted in :attr:`counts` and reported in findings; no sample raises an error.
-
-    Attributes:
-        counts: by kind, number of unused samples: ``duplicate``, ``late``, ``unusable``, ``clock``, ``unknown``.
+    used are left out and reported in findings; no sample raises an error.
     """
 
     def __init__(
@@ -94,23 +83,17 @@ class FrameAssembler:
             cameras: the cameras of the stream.
             lag_frames: number of frames after which video comes too late; the default is a quarter of a second at 60
                 Hz.
-
-        Raises:
-            InputError: without columns, if one is repeated, or if rate or lag are not positive.
         """
-        if not columns or len(set(columns)) < len(columns):
-            raise InputError(f"frames of the sensors {list(columns)}: expected at least one, none of them twice")
-        if not 0 < rate < math.inf or lag_frames < 0:
-            raise InputError(f"frames at {rate:g} Hz with a lag of {lag_frames}: expected a positive rate and lag")
-        self.counts: Counter[str] = Counter()
         self._settings = settings or AssemblySettings()
         self._rate, self._lag_frames = rate, lag_frames
+        # Sources are numbered, cameras after sensors.
         self._columns = {(carrier, sensor): number for number, (carrier, sensor) in enumerate(columns)}
-        self._labels = [f"sensor '{sensor}' of '{carrier}'" for carrier, sensor in columns]
         self._cameras = {camera.name: (len(columns) + number, camera) for number, camera in enumerate(cameras)}
+        sensors = [f"sensor '{sensor}' of '{carrier}'" for carrier, sensor in columns]
+        self._labels = [*sensors, *(f"camera '{camera.name}'" for camera in cameras)]
         self._log = FindingLog(REPEAT_S)
         self._clocks = StreamClocks(len(columns), len(cameras), self._settings)
-        self._presence = SensorPresence(self._labels, self._settings, self._log)
+        self._presence = SensorPresence(sensors, self._settings, self._log)
         self._buffer = SensorBuffer(len(columns))
         self._attitudes = [AttitudeFilter() for _ in columns]
         self._videos = VideoQueue()
@@ -138,8 +121,7 @@ class FrameAssembler:
 
     def note_loss(self) -> None:
         """Note that samples were dropped on their way; no sensor is to blame for a gap that begins soon."""
-        self._lost_at = self._clocks.present
-        self._presence.note_loss(self._lost_at)
+        self._lost_at = self._presence.lost_at = self._clocks.present
 
     def flush(self) -> list[LiveFrame]:
         """End the stream: the frames up to its newest sample, without waiting."""
@@ -159,24 +141,22 @@ class FrameAssembler:
         if column is None:
             self._refuse_unknown(f"sensor '{_short(sample.sensor)}' of '{_short(sample.carrier)}'")
             return []
-        checked = checked_imu(sample, self._attitudes[column])
-        if isinstance(checked, str):
-            self._refuse("unusable", column, self._labels[column], "sample", checked)
+        try:
+            sample_time, values = checked_imu(sample, self._attitudes[column])
+        except SampleError as reason:
+            self._refuse(column, str(reason))
             return []
-        time, values = checked
         past = self._clocks.present
-        admitted = self._clocks.admit(column, time, self._presence.is_awaited)
-        self._remark_on_clock(column, self._labels[column], admitted)
-        if admitted.time is None:
+        time = self._admitted(column, sample_time)
+        if time is None:
             return []
-        frames = self._after_silence(past, admitted.time)
-        if admitted.time <= self._too_late:
-            self._refuse("late", column, self._labels[column], "sample")
-            self._presence.note_late(column, admitted.time, self._clocks.present)
-        elif self._buffer.insert(column, admitted.time, values):
-            self._presence.note(column, admitted.time, self._clocks.present, self._start is not None)
-        else:
-            self.counts["duplicate"] += 1
+        frames = self._after_silence(past, time)
+        # The acceleration window of the next frame begins two frames before it.
+        if self._start is not None and time <= self._time(self._point - 2) - ROUNDING:
+            self._refuse(column)
+            self._presence.note_late(column, time, self._clocks.present)
+        elif self._buffer.insert(column, time, values):
+            self._presence.note(column, time, self._clocks.present, self._start is not None)
         return frames + self._frames_due()
 
     def _push_video(self, frame: VideoFrame) -> None:
@@ -184,22 +164,28 @@ class FrameAssembler:
         if camera is None:
             self._refuse_unknown(f"camera '{_short(frame.camera)}'")
             return
-        label = f"camera '{camera.name}'"
-        checked = checked_video(frame, camera)
-        if isinstance(checked, str):
-            self._refuse("unusable", source, label, "video frame", checked)
+        try:
+            checked = checked_video(frame, camera)
+        except SampleError as reason:
+            self._refuse(source, str(reason))
             return
-        admitted = self._clocks.admit(source, checked.time, self._presence.is_awaited)
-        self._remark_on_clock(source, label, admitted)
-        if admitted.time is None:
-            return
-        if not self._videos.add(admitted.time, replace(checked, time=admitted.time)):
-            self.counts["duplicate"] += 1
+        time = self._admitted(source, checked.time)
+        if time is not None:
+            self._videos.add(time, replace(checked, time=time))
 
-    @property
-    def _too_late(self) -> float:
-        """Time (s) up to which samples come too late: the beginning of the next frame's acceleration window."""
-        return -math.inf if self._start is None else self._time(self._point - 2) - ROUNDING
+    def _admitted(self, source: int, sample_time: float) -> float | None:
+        """Time of a sample on the stream's clock; None if it is refused."""
+        time, finding = self._clocks.admit(source, sample_time, self._presence.is_awaited)
+        if finding is not None:
+            reported = replace(finding, subject=self._labels[source])
+
+            def with_others(count: int) -> Finding:
+                addition = f"; so did {count - 1} more" if count > 1 else ""
+                return replace(reported, words={**reported.words, "others": addition})
+
+            # One key for all sources: clocks seldom jump alone.
+            self._log.tally(("clock", time is None), self._clocks.present, with_others, GATHER_S, MOST_JUMPS)
+        return time
 
     def _time(self, point: int) -> float:
         assert self._start is not None
@@ -211,7 +197,7 @@ class FrameAssembler:
             self._first_sample = min(self._first_sample, present)
         if not math.isfinite(past) or present - past <= self._settings.patience:
             return []
-        self._presence.resume(present)
+        self._presence.resumed = present
         if present - past >= self._settings.dead_after:
             what = f"were silent for {present - past:.1f} s from {past:.2f} s on"
             is_lost = past - self._lost_at <= REPEAT_S
@@ -220,10 +206,8 @@ class FrameAssembler:
             consequence = "tracking starts again" if present - past > self._settings.longest_pause else "going on"
             numbers, words = {"seconds": present - past, "begin": past}, {"what": what, "then": consequence}
             finding = Finding("silent", subject="all sensors", numbers=numbers, words=words)
-            if is_lost:
-                self._log.tally(
-                    "lost", present, lambda _: finding
-                )  # repeated at intervals while the tracker does not keep up
+            if is_lost:  # at intervals, while the tracker does not keep up
+                self._log.tally("lost", present, lambda _: finding)
             else:
                 self._log.add(finding)
         if present - past <= self._settings.longest_pause:
@@ -254,7 +238,13 @@ class FrameAssembler:
     def _frames_until(self, time: float) -> list[LiveFrame]:
         frames = []
         while self._start is not None and self._time(self._point) <= time + ROUNDING:
-            frames.append(self._make_frame())
+            point, time_of_frame, step = self._point, self._time(self._point), 1 / self._rate
+            measured = self._buffer.measure(time_of_frame, step)
+            number, video = point - self._left_out, self._take_videos(point)
+            frames.append(LiveFrame(number, time_of_frame, *measured, video, self._restart))
+            self._restart = False
+            self._point += 1
+            self._buffer.needed_from = time_of_frame - step  # start of the next frame's window
         return frames
 
     def _begin(self) -> None:
@@ -265,16 +255,6 @@ class FrameAssembler:
         self._start = start
         self._presence.report_missing(self._clocks.present)
 
-    def _make_frame(self) -> LiveFrame:
-        point, step = self._point, 1 / self._rate
-        time = self._time(point)
-        measured = self._buffer.measure(time, step)
-        frame = LiveFrame(point - self._left_out, time, *measured, self._take_videos(point), self._restart)
-        self._restart = False
-        self._point += 1
-        self._buffer.needed_from = time - step  # start of the next frame's window
-        return frame
-
     def _take_videos(self, point: int) -> tuple[VideoFrame, ...]:
         assert self._start is not None
         frames = []
@@ -282,49 +262,32 @@ class FrameAssembler:
             nearest = min(round((time - self._start) * self._rate), point)
             if nearest >= max(self._first_point, point - self._lag_frames):
                 frames.append(replace(video, frame=nearest - self._left_out))
-            elif self._first_point > nearest:
-                self.counts["early"] += 1  # from before the first frame: no loss
-            else:
+            elif nearest >= self._first_point:  # a frame from before the first one is no loss
                 source, _ = self._cameras[video.camera]
-                self._refuse("late", source, f"camera '{video.camera}'", "video frame")
+                self._refuse(source)
         return tuple(frames)
 
-    def _refuse(self, kind: str, source: int, label: str, noun: str, reason: str = "") -> None:
-        self.counts[kind] += 1
+    def _refuse(self, source: int, reason: str = "") -> None:
+        """Count a sample that is unusable for a ``reason``, or that came too late."""
+        noun = "sample" if source < len(self._columns) else "video frame"
+        what = f"skipped: {reason}" if reason else "came too late"
 
         def finding(count: int) -> Finding:
-            what = "came too late" if kind == "late" else f"skipped: {reason}"
             words = {"what": f"{count} {noun}{'s' if count > 1 else ''} {what}"}
-            return Finding("samples unusable", subject=label, words=words)
+            return Finding("samples unusable", subject=self._labels[source], words=words)
 
-        self._log.tally((kind, source), self._clocks.present, finding)
+        self._log.tally((source, bool(reason)), self._clocks.present, finding)
 
     def _refuse_unknown(self, label: str) -> None:
         most_names = 100  # of undeclared sensors and cameras that are reported
-        self.counts["unknown"] += 1
         if label in self._unknown or len(self._unknown) > most_names:
             return
         self._unknown.add(label)
         what = "not declared in the stream's set-up, ignored; check the name"
         if len(self._unknown) > most_names:
-            label, what = (
-                f"more than {most_names} names",
-                "are not declared in the stream's set-up; further ones are not reported",
-            )
+            label = f"more than {most_names} names"
+            what = "are not declared in the stream's set-up; further ones are not reported"
         self._log.add(Finding("samples unusable", subject=label, words={"what": what}))
-
-    def _remark_on_clock(self, source: int, label: str, admitted: Admitted) -> None:
-        if admitted.time is None:
-            self.counts["clock"] += 1
-        if admitted.finding is not None:
-            key = ("clock", admitted.time is None)  # for all sources: clocks seldom jump alone
-            finding = partial(_with_others, replace(admitted.finding, subject=label))
-            self._log.tally(key, self._clocks.present, finding, GATHER_S, MOST_JUMPS)
-
-
-def _with_others(finding: Finding, count: int) -> Finding:
-    addition = f"; so did {count - 1} more" if count > 1 else ""
-    return replace(finding, words={**finding.words, "others": addition})
 
 
 def _short(name: object) -> str:

@@ -13,115 +13,106 @@ from vip_factors.sensors.imu_stream import (
     RATE_LIMIT,
     ROTATION_TOLERANCE,
     AttitudeFilter,
+    rotation_errors,
 )
 from vip_factors.sensors.live import ImuSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
 
-def checked_imu(sample: ImuSample, attitude: AttitudeFilter) -> tuple[float, list[float]] | str:
-    """Validate an IMU sample: its time and values, or the reason why it cannot be used.
+class SampleError(ValueError):
+    """A sample that cannot be used, with the reason."""
+
+
+def checked_imu(sample: ImuSample, attitude: AttitudeFilter) -> tuple[float, list[float]]:
+    """Time and values of an IMU sample.
 
     Values are R_inertial_sensor row by row, then the specific force in the inertial frame (m/s², NaN if not measured).
     An orientation that is not measured is estimated from specific force and angular rate by ``attitude``.
+
+    Raises:
+        SampleError: with the reason.
     """
     time = _checked_time(sample.time)
-    if isinstance(time, str):
-        return time
     R = _checked_orientation(sample, time, attitude)
-    if isinstance(R, str):
-        return R
     if sample.specific_force is None:
         return time, [*R, math.nan, math.nan, math.nan]
-    force = _numbers(sample.specific_force, (3,))
-    if force is None:
-        return "a specific force is not three finite numbers"
+    x, y, z = force = _numbers(sample.specific_force, (3,), "a specific force is not three finite numbers").tolist()
     peak = max(map(abs, force))
     if peak > FORCE_LIMIT:
-        return f"a specific force of {peak:.3g} m/s²: expected at most {FORCE_LIMIT:g}; check the unit (m/s², not mg)"
-    x, y, z = force
+        expected = f"expected at most {FORCE_LIMIT:g}; check the unit (m/s², not mg)"
+        raise SampleError(f"a specific force of {peak:.3g} m/s²: {expected}")
     a, b, c, d, e, f, g, h, i = R
     return time, [*R, a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z]
 
 
-def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilter) -> list[float] | str:
+def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilter) -> list[float]:
     if sample.R_inertial_sensor is not None:
-        R = _numbers(sample.R_inertial_sensor, (3, 3))
-        if R is None:
-            return "an orientation is not a (3, 3) matrix of finite numbers"
-        return R if _is_rotation(R) else "an orientation is not a rotation matrix"
+        R = _numbers(sample.R_inertial_sensor, (3, 3), "an orientation is not a (3, 3) matrix of finite numbers")
+        if rotation_errors(R[None])[0] > ROTATION_TOLERANCE:
+            raise SampleError("an orientation is not a rotation matrix")
+        return R.ravel().tolist()
     if sample.angular_rate is None or sample.specific_force is None:
-        return "they carry neither an orientation nor the angular rate and specific force to estimate it from"
-    rate, force = _numbers(sample.angular_rate, (3,)), _numbers(sample.specific_force, (3,))
-    if rate is None or force is None:
-        return f"{'an angular rate' if rate is None else 'a specific force'} is not three finite numbers"
-    if max(map(abs, rate)) > RATE_LIMIT:
-        fastest = f"an angular rate of {max(map(abs, rate)):.3g} rad/s: expected at most {RATE_LIMIT:g}"
-        return f"{fastest}; check the unit (rad/s, not degrees per second)"
-    oriented = attitude.orientation(time, np.array(force), np.array(rate))
-    return "they came after newer ones" if oriented is None else oriented.ravel().tolist()
+        what = "they carry neither an orientation nor the angular rate and specific force to estimate it from"
+        raise SampleError(what)
+    rate = _numbers(sample.angular_rate, (3,), "an angular rate is not three finite numbers")
+    force = _numbers(sample.specific_force, (3,), "a specific force is not three finite numbers")
+    fastest = float(np.abs(rate).max())
+    if fastest > RATE_LIMIT:
+        expected = f"expected at most {RATE_LIMIT:g}; check the unit (rad/s, not degrees per second)"
+        raise SampleError(f"an angular rate of {fastest:.3g} rad/s: {expected}")
+    oriented = attitude.orientation(time, force, rate)
+    if oriented is None:
+        raise SampleError("they came after newer ones")
+    return oriented.ravel().tolist()
 
 
-def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
-    """Validate a video frame: the frame with arrays of floats, or the reason why it cannot be used."""
+def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame:
+    """A video frame with arrays of floats.
+
+    Raises:
+        SampleError: with the reason.
+    """
     pixel_limit = 1e5  # wider than any image
     most_people = 1000  # in one video frame
     time = _checked_time(frame.time)
-    if isinstance(time, str):
-        return time
     try:
         pixels, confidence = np.asarray(frame.pixels, dtype=float), np.asarray(frame.confidence, dtype=float)
     except (TypeError, ValueError):
-        return "pixels or confidence are not numbers"
+        raise SampleError("pixels or confidence are not numbers") from None
     N, K = len(pixels) if pixels.ndim else 0, len(camera.keypoints)
     if pixels.shape != (N, K, 2) or confidence.shape != (N, K):
-        return (
+        raise SampleError(
             f"pixels {pixels.shape} and confidence {confidence.shape}: expected (N, {K}, 2) and (N, {K}) of keypoint "
             f"set {camera.keypoints.name}"
         )
     if most_people < N:
-        return f"{N} people in one frame: expected at most {most_people}"
+        raise SampleError(f"{N} people in one frame: expected at most {most_people}")
     if not np.all(np.isfinite(confidence)):
-        return "a confidence is not finite"
-    pixels_of_keypoints = pixels[confidence > 0]
-    if not np.all(np.abs(pixels_of_keypoints) <= pixel_limit):  # refuses NaN as well
-        return f"a keypoint with confidence has pixels that are not finite, or beyond {pixel_limit:g}"
+        raise SampleError("a confidence is not finite")
+    if not np.all(np.abs(pixels[confidence > 0]) <= pixel_limit):  # refuses NaN as well
+        raise SampleError(f"a keypoint with confidence has pixels that are not finite, or beyond {pixel_limit:g}")
     return replace(frame, time=time, pixels=pixels, confidence=np.clip(confidence, 0.0, 1.0))
 
 
-def _checked_time(time: float) -> float | str:
+def _checked_time(time: float) -> float:
     try:
         time = float(time)
     except (TypeError, ValueError):
-        return "a time stamp is not a number"
+        raise SampleError("a time stamp is not a number") from None
     if not abs(time) <= LATEST_S:
-        return "a time stamp is not finite" if not math.isfinite(time) else f"a time stamp of {time:.3g} s"
+        raise SampleError("a time stamp is not finite" if not math.isfinite(time) else f"a time stamp of {time:.3g} s")
     return time
 
 
-def _numbers(values: Array, shape: tuple[int, ...]) -> list[float] | None:
-    """Values row by row, or None if they are not finite or of another shape."""
+def _numbers(values: Array, shape: tuple[int, ...], otherwise: str) -> Array:
+    """Finite values of a shape; ``otherwise`` is the reason if they are not."""
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        return None
-    if array.shape != shape:
-        return None
-    numbers: list[float] = array.ravel().tolist()
-    return numbers if math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers)) else None
-
-
-def _is_rotation(R: list[float]) -> bool:
-    """Whether RᵀR is the identity within the tolerance of :class:`ImuStream`, and R no reflection."""
-    a, b, c, d, e, f, g, h, i = R
-    return (
-        abs(a * a + d * d + g * g - 1) <= ROTATION_TOLERANCE
-        and abs(b * b + e * e + h * h - 1) <= ROTATION_TOLERANCE
-        and abs(c * c + f * f + i * i - 1) <= ROTATION_TOLERANCE
-        and abs(a * b + d * e + g * h) <= ROTATION_TOLERANCE
-        and abs(a * c + d * f + g * i) <= ROTATION_TOLERANCE
-        and abs(b * c + e * f + h * i) <= ROTATION_TOLERANCE
-        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
-    )
+        raise SampleError(otherwise) from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise SampleError(otherwise)
+    return array
 
 
 def triangular_average_of_samples(time: Array, values: Array, half_width: float) -> Array:
@@ -140,8 +131,9 @@ def triangular_average_of_samples(time: Array, values: Array, half_width: float)
     Returns:
         ``(S, D)``.
     """
-    h = half_width
-    G = _second_antiderivative(time, h)
+    h, t = half_width, np.clip(time, -half_width, half_width)
+    # Second antiderivative of the triangle of area one over [−h, h]: 0 before it, the time after it.
+    G = ((t + h) ** 3 - 2 * np.maximum(t, 0.0) ** 3) / (6 * h * h) + np.maximum(time - h, 0.0)
     step = np.diff(time, axis=1)
     real = step > 0
     slope = np.diff(values, axis=1) / np.where(real, step, 1.0)[..., None]
@@ -151,13 +143,6 @@ def triangular_average_of_samples(time: Array, values: Array, half_width: float)
     area_before = G[:, 0]  # of the window before the first sample
     area_after = (h - time[:, -1]) - (h - G[:, -1])
     return average - area_before[:, None] * slope[:, 0] + area_after[:, None] * slope_after
-
-
-def _second_antiderivative(time: Array, h: float) -> Array:
-    """Second antiderivative of the triangle of area one over ``[−h, h]``; 0 before it, ``time`` after it."""
-    t = np.clip(time, -h, h)
-    inside = ((t + h) ** 3 - 2 * np.maximum(t, 0.0) ** 3) / (6 * h * h)
-    return inside + np.maximum(time - h, 0.0)
 
 
 RATE_SAMPLES = 128  # of each sensor, for its rate: the median of so many steps is within 2 % at 30 % loss

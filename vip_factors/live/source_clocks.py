@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from vip_factors.findings import Finding, FindingLog
 from vip_factors.settings import AssemblySettings
@@ -26,8 +25,8 @@ class _RefusedSamples:
     present_before: float  # s, newest time of the stream before the first refusal
     accepted_before: int  # samples accepted from all sensors before the first refusal
     since_time: float  # s, newest time of the stream before the first refusal of all series
-    count: int = 0
-    is_reported: bool = False
+    count: int
+    is_reported: bool
 
     def finding(self, kind: str = "clocks disagree", done: str = "such samples are refused") -> Finding:
         """Report the jump of the clock and the reaction to it."""
@@ -36,11 +35,8 @@ class _RefusedSamples:
         return Finding(kind, numbers={"before": jump_from, "after": jump_to}, words=words)
 
 
-class Admitted(NamedTuple):
-    """Time of a sample on the stream's clock, None if refused, and a finding about its clock."""
-
-    time: float | None
-    finding: Finding | None = None
+Admitted = tuple[float | None, Finding | None]
+"""Time of a sample on the stream's clock, None if refused, and a finding about its clock."""
 
 
 class StreamClocks:
@@ -103,73 +99,57 @@ class StreamClocks:
         if source < self._sensors:
             self.present = max(self.present, moment)
             self._accepted += 1
-        return Admitted(moment, finding)
+        return moment, finding
 
     def _refuse(self, source: int, time: float, alive: Sequence[bool], is_ahead: bool) -> Admitted:
         refused, moment = self._refused[source], time + self._offset[source]
         stream_time = max(self._newest[source], self.present)
         if refused is None or refused.is_ahead != is_ahead or abs(time - refused.newest) > self._settings.jump:
-            new_refusal = _RefusedSamples(
-                time, time, is_ahead, (stream_time, moment), self.present, self._accepted, self.present
-            )
+            since, count, is_reported, jump = self.present, 0, False, (stream_time, moment)
             if refused is not None:
-                new_refusal.since_time, new_refusal.count, new_refusal.is_reported = (
-                    refused.since_time,
-                    refused.count,
-                    refused.is_reported,
-                )
-            refused = self._refused[source] = new_refusal
+                since, count, is_reported = refused.since_time, refused.count, refused.is_reported
+            refused = self._refused[source] = _RefusedSamples(
+                time, time, is_ahead, jump, self.present, self._accepted, since, count, is_reported
+            )
         refused.newest = max(refused.newest, time)
         refused.count += 1
         lasts = refused.newest - refused.first_time >= RESTART_S
         if not is_ahead and moment >= self._newest[source] - self._settings.step:
             # Its time advances, far behind the others: a backlog arrives faster than time passes.
             lasts &= self.present - refused.present_before >= RESTART_S / 2
-        if is_ahead and self._all_were_silent(source, moment, alive, lasts):
-            self._refused = [
-                None if refusal is not None and refusal.is_ahead else refusal for refusal in self._refused
-            ]  # as right as it
+        if is_ahead and self._all_were_silent(source, refused, moment, alive, lasts):
+            # The others that are ahead are as right as this one.
+            self._refused = [None if other is not None and other.is_ahead else other for other in self._refused]
             return self._accept(source, moment)
         if not lasts:
-            return Admitted(None, self._strays(refused))
+            # A clock that neither returns nor continues from a new time is reported once.
+            strays = 1000  # refused samples without order that are reported even if no time passes
+            is_stray = self.present - refused.since_time >= self._settings.dead_after or refused.count >= strays
+            if refused.is_reported or not is_stray:
+                return None, None
+            refused.is_reported = True
+            return None, refused.finding()
         self._offset[source] = self._new_offset(source, time, stream_time)
         new = time + self._offset[source]
         done = f"it goes on from there, its {time:.2f} s are taken for {new:.2f} s"
         return self._accept(source, new, refused.finding("clock corrected", done))
 
-    def _strays(self, refused: _RefusedSamples) -> Finding | None:
-        """Report, once, a clock that neither returns nor continues from a new time; None if there is none."""
-        strays = 1000  # refused samples without order that are reported even if no time passes
-        lasts = self.present - refused.since_time >= self._settings.dead_after or refused.count >= strays
-        if refused.is_reported or not lasts:
-            return None
-        refused.is_reported = True
-        return refused.finding()
-
-    def _all_were_silent(self, source: int, moment: float, alive: Sequence[bool], lasts: bool) -> bool:
+    def _all_were_silent(
+        self, source: int, refused: _RefusedSamples, moment: float, alive: Sequence[bool], lasts: bool
+    ) -> bool:
         """Whether the time ahead is right, because all other sensors were silent."""
-        refused = self._refused[source]
-        assert refused is not None
-        if self._others_went_on(refused):
-            return False
-        if lasts:
-            return True
-        if source >= self._sensors:
-            return False
+        others_went_on = self._accepted > refused.accepted_before
+        if others_went_on or lasts or source >= self._sensors:
+            return lasts and not others_went_on
         other_sensors = [number for number in range(self._sensors) if alive[number] and number != source]
         if not other_sensors:
             return moment - self.present <= self._settings.longest_pause
-        for number in other_sensors:
-            refusal = self._refused[number]
-            if refusal is None or not refusal.is_ahead:
-                return False
-            if abs(refusal.newest + self._offset[number] - moment) > self._settings.jump:
-                return False
-        return True
-
-    def _others_went_on(self, refused: _RefusedSamples) -> bool:
-        """Whether samples were accepted since the first refusal; if not, the jump may end a common silence."""
-        return self._accepted > refused.accepted_before
+        return all(
+            (refusal := self._refused[number]) is not None
+            and refusal.is_ahead
+            and abs(refusal.newest + self._offset[number] - moment) <= self._settings.jump
+            for number in other_sensors
+        )
 
     def _new_offset(self, source: int, time: float, stream_time: float) -> float:
         """Offset with which time continues from ``stream_time``; clocks that restart together keep a common time."""
@@ -186,6 +166,8 @@ class SensorPresence:
 
     Attributes:
         is_awaited: for each sensor, whether frames wait for it.
+        resumed: seconds, end of the last silence of all sensors.
+        lost_at: seconds, when samples were dropped in transmission last; their sensors are unknown.
     """
 
     def __init__(self, labels: Sequence[str], settings: AssemblySettings, log: FindingLog) -> None:
@@ -195,8 +177,7 @@ class SensorPresence:
         self._log = log
         self._reached = [-math.inf] * len(labels)  # s, newest sample that could be used
         self._arrived = [-math.inf] * len(labels)  # s, newest sample
-        self._resumed = -math.inf  # s, end of the last silence of all sensors
-        self._lost_at = -math.inf  # s, when samples were dropped last
+        self.resumed = self.lost_at = -math.inf
         self._checked_at = -math.inf
         self._slowest = 0  # sensor that frames waited for last
         self._away: dict[int, str] = {}  # sensors reported as silent or late, with the text for their return
@@ -216,14 +197,6 @@ class SensorPresence:
             self._reached[sensor] = max(self._reached[sensor], time)
             self._welcome(sensor)
 
-    def resume(self, time: float) -> None:
-        """Note the end of a silence of all sensors."""
-        self._resumed = time
-
-    def note_loss(self, present: float) -> None:
-        """Note that samples were dropped in transmission; their sensors are unknown."""
-        self._lost_at = present
-
     def report_missing(self, present: float) -> None:
         """Report the sensors without a sample before the first frame."""
         for sensor, reached in enumerate(self._reached):
@@ -237,14 +210,15 @@ class SensorPresence:
             return
         self._checked_at = present
         for sensor, reached in enumerate(self._reached):
-            silent = present - max(reached, self._resumed)
+            silent_from = max(reached, self.resumed)
+            silent = present - silent_from
             if not self.is_awaited[sensor] or silent < self._settings.dead_after:
                 continue
             self.is_awaited[sensor] = False
             self._away[sensor] = "is back"
-            late = self._arrived[sensor] > max(reached, self._resumed)
+            late = self._arrived[sensor] > silent_from
             what = f"{'has come too late' if late else 'has been silent'} for {silent:.1f} s"
-            if self._lost_at >= max(reached, self._resumed):
+            if self.lost_at >= silent_from:
                 what = f"is without samples for {silent:.1f} s, as the tracker did not keep up and dropped some"
             self._report_silent(sensor, what)
 

@@ -78,9 +78,7 @@ class ImuStream(Summarised):
             object.__setattr__(self, "specific_force", force)
             object.__setattr__(self, "force_measured", self.force_measured_mask & ~is_spike)
         if self.R_inertial_sensor is not None:
-            R = self.R_inertial_sensor
-            error = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2))
-            error = np.where(np.linalg.det(R) > 0, error, 2.0)  # a reflection is orthogonal, but no rotation
+            error = rotation_errors(self.R_inertial_sensor)
             if np.max(error) > ROTATION_TOLERANCE:
                 row = int(np.argmax(error))
                 raise RecordingError(f"sensor '{self.name}': orientation of sample {row} is not a rotation matrix")
@@ -139,6 +137,12 @@ class ImuStream(Summarised):
         inside = (self.time >= start) & (self.time <= end)
         measured = {name: values[inside] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **measured)  # type: ignore[arg-type]  # all but the name
+
+
+def rotation_errors(R: Array) -> Array:
+    """Largest difference ``(N,)`` of RᵀR from the identity; 2 for a reflection, which is orthogonal but no rotation."""
+    error = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2))
+    return np.where(np.linalg.det(R) > 0, error, 2.0)
 
 
 def force_spikes(specific_force: Array) -> np.ndarray:
@@ -222,10 +226,11 @@ def with_orientation(stream: ImuStream) -> ImuStream:
         return stream
     specific_force, angular_rate = _checked_input(stream)
     grid = np.linspace(stream.time[0], stream.time[-1], round((stream.time[-1] - stream.time[0]) * stream.rate) + 1)
+    rate = interpolate_points(stream.time, angular_rate, grid)
     from vqf import offlineVQF
 
     estimate = offlineVQF(
-        _rate_over_step(interpolate_points(stream.time, angular_rate, grid)),
+        np.concatenate([rate[:1], (rate[:-1] + rate[1:]) / 2]),  # mean over the step before each sample
         interpolate_points(stream.time, specific_force, grid),
         None,
         float(grid[1] - grid[0]),
@@ -307,8 +312,3 @@ class AttitudeFilter:
 
     def _orientation(self) -> Array:
         return matrix_from_quaternion(self._filter.getQuat6D(), Order.WXYZ)
-
-
-def _rate_over_step(angular_rate: Array) -> Array:
-    """Mean rate ``(N, 3)`` over the step before each sample; VQF integrates it over that step."""
-    return np.concatenate([angular_rate[:1], (angular_rate[:-1] + angular_rate[1:]) / 2])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.io.video_focal import focal_from_metadata
+from vip_factors.io.video import focal_from_metadata
 
 KEY = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 av = pytest.importorskip("av")

@@ -79,22 +79,13 @@ class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _Pose2SimCamera(msgspec.Struct, frozen=True):
-    """Table of a camera in a calibration of Pose2Sim's.
+    """Table of a camera in a calibration of Pose2Sim's."""
 
-    Attributes:
-        size: width and height.
-        matrix: intrinsics.
-        distortions: as OpenCV's.
-        rotation: rotation vector from the world, whose z is up and whose floor is at 0, to the camera.
-        translation: metres, with it.
-        fisheye: whether the distortion is that of a fisheye lens.
-    """
-
-    size: tuple[Number, Number]
+    size: tuple[Number, Number]  # width, height
     matrix: Matrix
-    distortions: tuple[Number, ...]
-    rotation: Vector
-    translation: Vector
+    distortions: tuple[Number, ...]  # as OpenCV's
+    rotation: Vector  # rotation vector from the world, whose z is up and whose floor is at 0, to the camera
+    translation: Vector  # m
     fisheye: bool = False
 
 
@@ -178,13 +169,14 @@ def read_camera_path(path: Path) -> CameraPath:
     text = read_text(path, "a camera's path (TUM)", most_bytes=MOST_MOTION_BYTES)
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
         try:
-            row = list(map(float, words))
+            rows.append(list(map(float, words)))
         except ValueError:
-            row = []
-        if words and (len(row) != 8 or not np.all(np.isfinite(row))):
+            rows.append([])
+        if len(rows[-1]) != 8 or not np.all(np.isfinite(rows[-1])):
             raise FileFormatError(f"{path}, line {number}: expected eight numbers: {columns}")
-        rows += [row] if words else []
     poses = np.array(rows).reshape(-1, 8)
     time, first_rows = np.unique(poses[:, 0], return_index=True)
     if len(time) < 2:
@@ -268,21 +260,15 @@ def _json_numbers(path: Path) -> Numbers:
     return numbers
 
 
-def _may_be_deep(text: str) -> bool:
-    """Whether lists, tables or elements may stand in one another so deep that OpenCV's recursive parser crashes.
-
-    That takes some 20,000 levels: brackets and tags are counted, and YAML's nesting in one line without brackets.
-    """
-    lines = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
-    pieces = re.split(r"[,\[\]{}\n]", lines)
-    return sum(map(text.count, "[{<")) > 2000 or any(piece.count(":") + piece.count("-") > 50 for piece in pieces)
-
-
 def _storage_numbers(path: Path) -> Numbers:
     import cv2
 
     text = read_text(path, "a camera file (TOML, or OpenCV's YAML)", strict=True)
-    if _may_be_deep(text):
+    # Beyond some 20,000 levels of lists, tables or elements OpenCV's recursive parser crashes: brackets and tags are
+    # counted, and YAML's nesting in one line without brackets.
+    lines = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
+    most_in_line = max(piece.count(":") + piece.count("-") for piece in re.split(r"[,\[\]{}\n]", lines))
+    if sum(map(text.count, "[{<")) > 2000 or most_in_line > 50:
         raise FileFormatError(f"{path}: too many lists or tables in one another: expected a camera_matrix")
     if path.suffix.lower() != ".xml" and not text.lstrip().startswith("%YAML"):
         text = "%YAML:1.0\n---\n" + text.replace("---\n", "", 1)  # ROS writes no header, and OpenCV insists on one

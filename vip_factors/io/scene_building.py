@@ -15,8 +15,15 @@ from vip_factors.io.convert import ImportOptions, detect_format, import_recordin
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.settings import CameraOptions
-from vip_factors.io.video import VideoFacts, check_video, embed_video, video_facts, with_torso_colours
-from vip_factors.io.video_focal import METADATA_FOCAL_SIGMA, focal_from_metadata
+from vip_factors.io.video import (
+    METADATA_FOCAL_SIGMA,
+    VideoFacts,
+    check_video,
+    embed_video,
+    focal_from_metadata,
+    video_facts,
+    with_torso_colours,
+)
 from vip_factors.sensors.camera import (
     UNCALIBRATED_FOCAL_SIGMA,
     CameraModel,
@@ -105,12 +112,8 @@ def _on_clock(wearer: Recording, start_ns: int) -> Recording:
     truth = wearer.truth
     if truth is not None:
         truth = replace(truth, motion=replace(truth.motion, start=truth.motion.start + seconds))
-    imus = {name: _shifted(stream, seconds) for name, stream in wearer.imus.items()}
+    imus = {name: replace(stream, time=stream.time + seconds) for name, stream in wearer.imus.items()}
     return replace(wearer, imus=imus, truth=truth, start_ns=start_ns)
-
-
-def _shifted(stream: ImuStream, seconds: float) -> ImuStream:
-    return replace(stream, time=stream.time + seconds)
 
 
 def _shifted_camera(camera: Camera, seconds: float) -> Camera:
@@ -118,7 +121,7 @@ def _shifted_camera(camera: Camera, seconds: float) -> Camera:
     return replace(
         camera,
         clock=replace(camera.clock, offset=camera.clock.offset + seconds),
-        mount=replace(mount, imu=_shifted(mount.imu, seconds)) if mount is not None else None,
+        mount=replace(mount, imu=replace(mount.imu, time=mount.imu.time + seconds)) if mount is not None else None,
         known_path=replace(path, time=path.time + seconds) if path is not None else None,
     )
 
@@ -268,7 +271,8 @@ def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
                 f"{path} has no absolute time in common with the wearers' logs: their first samples are taken as one "
                 "instant; say otherwise in seconds"
             )
-    return _shifted(with_orientation(log.imus[name]), offset)
+    stream = with_orientation(log.imus[name])
+    return replace(stream, time=stream.time + offset)
 
 
 def _check_detections(detections: Detections, model: CameraModel, options: CameraOptions, size_known: bool) -> None:

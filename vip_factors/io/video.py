@@ -1,11 +1,12 @@
-"""Frames of a video, from a file or from images embedded in a recording, and the colours of people's torsos in them."""
+"""Videos: frames of a file or embedded images, the colours of people's torsos in them, and a phone's focal length."""
 
 import os
+import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -79,12 +80,7 @@ def video_facts(path: str | os.PathLike[str]) -> VideoFacts:
 
 @contextmanager
 def opened_video(path: Path) -> "Iterator[cv2.VideoCapture]":
-    """OpenCV's reader of a video file, closed afterwards.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is no video.
-    """
+    """OpenCV's reader of a video file, closed afterwards; errors as of :func:`video_facts`."""
     if not path.is_file():
         raise InputError(f"{path}: no such video file")
     import cv2
@@ -122,15 +118,23 @@ def iterate_frames(
     if not isinstance(video, Video):
         video = Video(Path(video))
     if video.path is not None and (video.path.is_file() or not video.images):
-        yield from _of_file(video.path, time, range(start, 2**62 if stop is None else stop, every), width)
+        images = _of_file(video.path, range(start, 2**62 if stop is None else stop, every))
     elif video.images:
-        wanted = range(start, max(video.images) + 1 if stop is None else stop, every)
-        yield from _of_images(video, time, wanted, width)
+        images = _embedded(video, range(start, max(video.images) + 1 if stop is None else stop, every))
     else:
         raise InputError("the recording has no video: neither a file nor embedded images")
+    import cv2
+
+    for index, stamp, image in images:
+        if width is not None and image.shape[1] > width:
+            height = max(1, round(image.shape[0] * width / image.shape[1]))
+            image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+        seconds = stamp if time is None else float(frame_times(time, np.array(index)))
+        yield VideoFrame(index, seconds, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
 
-def _of_file(path: Path, time: Array | None, wanted: range, width: int | None) -> Iterator[VideoFrame]:
+def _of_file(path: Path, wanted: range) -> Iterator[VideoFrame]:
+    """Frames of a file, blue first."""
     with opened_video(path) as capture:
         import cv2
 
@@ -143,34 +147,18 @@ def _of_file(path: Path, time: Array | None, wanted: range, width: int | None) -
             good, image = capture.retrieve()
             if not good:
                 raise FileFormatError(f"{path}: frame {index} of the video cannot be decoded")
-            stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000 or index / rate
-            yield VideoFrame(index, _time(time, index, stamp), _shown(image, width))
+            yield VideoFrame(index, capture.get(cv2.CAP_PROP_POS_MSEC) / 1000 or index / rate, image)
 
 
-def _of_images(video: Video, time: Array | None, wanted: range, width: int | None) -> Iterator[VideoFrame]:
+def _embedded(video: Video, wanted: range) -> Iterator[VideoFrame]:
+    """Embedded images, blue first."""
     import cv2
 
-    for index in sorted(video.images):
-        if index not in wanted:
-            continue
+    for index in (index for index in sorted(video.images) if index in wanted):
         image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise FileFormatError(f"the embedded image of video frame {index} cannot be decoded: expected JPEG or PNG")
-        yield VideoFrame(index, _time(time, index, float(index)), _shown(image, width))
-
-
-def _time(time: Array | None, index: int, otherwise: float) -> float:
-    return otherwise if time is None else float(frame_times(time, np.array(index)))
-
-
-def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
-    """Red first, and not wider than asked."""
-    import cv2
-
-    if width is not None and image.shape[1] > width:
-        height = max(1, round(image.shape[0] * width / image.shape[1]))
-        image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        yield VideoFrame(index, float(index), image)
 
 
 def embed_video(scene: Scene) -> Scene:
@@ -180,27 +168,24 @@ def embed_video(scene: Scene) -> Scene:
         InputError: if the scene has no video.
         FileFormatError: if a file is no video.
     """
-    if all(camera.video is None or camera.video.path is None for camera in scene.cameras):
-        raise InputError(f"scene '{scene.name}' names no video file: give one to embed")
-    return replace(scene, cameras=tuple(map(_embedded, scene.cameras)))
-
-
-def _embedded(camera: Camera) -> Camera:
-    """The camera with frames of its video file, if it has one."""
-    source = camera.video.path if camera.video is not None else None
-    if source is None:
-        return camera
     import cv2
 
     every, width = 3, 640  # ten images a second of a video at 30, about 50 kB each: enough to see who is who
     quality = 80  # of 100: lines stay sharp to the eye, at an eighth of the best quality's size
-    images: dict[int, bytes] = {}
-    for index, _, image in iterate_frames(source, every=every, stop=len(camera.detections.time), width=width):
-        good, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-        if not good:
-            raise InputError(f"{source}: frame {index} cannot be encoded as JPEG")
-        images[index] = data.tobytes()
-    return replace(camera, video=Video(source, images))
+    cameras = list(scene.cameras)
+    for number, camera in enumerate(cameras):
+        if camera.video is None or camera.video.path is None:
+            continue
+        source, images = camera.video.path, dict[int, bytes]()
+        for index, _, image in iterate_frames(source, every=every, stop=len(camera.detections.time), width=width):
+            good, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+            if not good:
+                raise InputError(f"{source}: frame {index} cannot be encoded as JPEG")
+            images[index] = data.tobytes()
+        cameras[number] = replace(camera, video=Video(source, images))
+    if not any(camera.video is not None and camera.video.path is not None for camera in cameras):
+        raise InputError(f"scene '{scene.name}' names no video file: give one to embed")
+    return replace(scene, cameras=tuple(cameras))
 
 
 def with_videos(scene: Scene | None, paths: Sequence[str | os.PathLike[str]]) -> Scene:
@@ -303,3 +288,62 @@ def torso_colour(image: np.ndarray, corners: Array) -> Array | None:
     hue, saturation, value = (hsv / BINS).astype(int).T
     counts = np.bincount((hue * SATURATIONS + saturation) * VALUES + value, minlength=COLOURS)
     return np.asarray(counts / counts.sum())
+
+
+FOCAL_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
+FULL_FRAME_WIDTH_MM = 34.6  # of a 4:3 image with the diagonal of 35 mm film: the widths of photo and video are the same
+STABILISATION = 1.1  # filming crops the width of photos by about a tenth
+LONGEST = 256  # bytes of a key or a value: more is damage
+METADATA_FOCAL_SIGMA = 0.1  # of the logarithm: the crop differs between phones
+
+
+def focal_from_metadata(path: Path, width: int, height: int) -> float | None:
+    """Focal length in pixels of a video of ``width`` by ``height``, as phones write it into QuickTime and MP4 files.
+
+    None if the file does not state it.
+    """
+    with path.open("rb") as file:
+        try:
+            equivalent = next(_values(file, path.stat().st_size), None)
+        except (struct.error, ValueError, RecursionError):  # a damaged file
+            return None
+    if equivalent is None or not 5 < equivalent < 500:
+        return None
+    return STABILISATION * equivalent / FULL_FRAME_WIDTH_MM * max(width, height)
+
+
+def _atoms(file: BinaryIO, end: int) -> Iterator[tuple[bytes, int]]:
+    """Types and ends of the atoms from the file's position to ``end``; the position is then behind each header."""
+    position = file.tell()
+    while position + 8 <= end:
+        file.seek(position)
+        size, kind = struct.unpack(">I4s", file.read(8))
+        if size == 1:  # of 64 bits
+            size = struct.unpack(">Q", file.read(8))[0]
+        stop = end if size == 0 else position + size
+        if not position + 8 <= stop <= end:
+            return
+        yield kind, stop
+        position = stop
+
+
+def _values(file: BinaryIO, end: int, index: int = 0) -> Iterator[float]:
+    """The values of the key in the movie's and its tracks' metadata; ``index`` is its place among the keys there."""
+    for kind, stop in _atoms(file, end):
+        if kind == b"meta" and file.read(4) != bytes(4):  # a version in MP4, none in QuickTime
+            file.seek(-4, 1)
+        if kind in (b"moov", b"trak", b"udta", b"meta") or (index and kind in (b"ilst", index.to_bytes(4, "big"))):
+            yield from _values(file, stop, index)
+        elif kind == b"keys":
+            file.read(8)  # version, flags and count
+            names = [file.read(min(end_of_key - file.tell(), LONGEST)) for _, end_of_key in _atoms(file, stop)]
+            index = names.index(FOCAL_KEY) + 1 if FOCAL_KEY in names else 0
+        elif kind == b"data" and index:  # text, a float or an integer
+            form, _ = struct.unpack(">II", file.read(8))
+            content = file.read(min(stop - file.tell(), LONGEST))
+            if form == 1:
+                yield float(content)
+            elif form in (23, 24):
+                yield float(struct.unpack(">f" if form == 23 else ">d", content)[0])
+            elif form in (21, 22, 65, 66, 67, *range(74, 79)):
+                yield float(int.from_bytes(content, "big"))

@@ -221,9 +221,4 @@ def _in_windows(finding: Finding, count: int) -> Finding:
     return replace(finding, more_windows=count - 1)
 
 
-def _kinds() -> dict[str, Kind]:
-    """Read all kinds by name from the file beside this one."""
-    return msgspec.toml.decode(Path(__file__).with_name("finding_kinds.toml").read_bytes(), type=dict[str, Kind])
-
-
-KINDS = _kinds()
+KINDS = msgspec.toml.decode(Path(__file__).with_name("finding_kinds.toml").read_bytes(), type=dict[str, Kind])

@@ -202,8 +202,10 @@ def first_poses(
     """
     measured = dict[int, Array]()
     for s, bone in enumerate(bones):
-        if frames.orientation_valid[:, s].any() and bone not in measured:
-            measured[bone] = _bone_orientation(frames, s, headings[..., s], R_bone_sensor[s])
+        is_valid = frames.orientation_valid[:, s]
+        if is_valid.any() and bone not in measured:  # thesis eq. 4.8
+            R = interpolate_rotations(frames.time[is_valid], frames.R_inertial_sensor[is_valid, s], frames.time)
+            measured[bone] = rotation_z(headings[..., s]) @ R @ transpose(R_bone_sensor[s])
     mean = np.concatenate([np.eye(3)[None], exp(prior.mean.reshape(-1, 3))])
     R_world_bone = np.empty((len(frames), JOINT_COUNT, 3, 3))
 
@@ -224,13 +226,6 @@ def first_poses(
         if joint not in placed:
             R_world_bone[:, joint] = R_world_bone[:, PARENTS[joint]] @ mean[joint]
     return local_rotations(R_world_bone)
-
-
-def _bone_orientation(frames: ImuFrames, s: int, headings: Array, R_bone_sensor: Array) -> Array:
-    """Orientation ``R_world_bone`` ``(T, 3, 3)`` of a sensor's bone (thesis eq. 4.8), gaps interpolated."""
-    is_valid = frames.orientation_valid[:, s]
-    R_inertial_sensor = interpolate_rotations(frames.time[is_valid], frames.R_inertial_sensor[is_valid, s], frames.time)
-    return rotation_z(headings) @ R_inertial_sensor @ transpose(R_bone_sensor)
 
 
 def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Array:

@@ -90,8 +90,14 @@ def standing_camera(sightings: Sightings, p_world_pelvis: Array) -> CameraPath:
 
 def moving_camera(sightings: Sightings, p_world_pelvis: Array, time: Array) -> CameraPath:
     """Path of a moving camera at ``time`` ``(T,)``: poses of the sightings, smoothed."""
-    R_world_camera = transpose(sightings.R_camera_world)
-    return _path(_local_means(R_world_camera, sightings.time), sightings, p_world_pelvis, time)
+    seen = sightings.time
+    start = np.searchsorted(seen, seen - SMOOTHING)
+    rows = start[:, None] + np.arange(np.max(np.searchsorted(seen, seen + SMOOTHING) - start, initial=1))
+    rows = np.minimum(rows, len(seen) - 1)
+    is_near = np.abs(seen[rows] - seen[:, None]) <= SMOOTHING / 2
+    is_near[:, 1:] &= rows[:, 1:] != rows[:, :-1]  # without repetitions of the last row
+    R_world_camera = robust_mean_rotation(transpose(sightings.R_camera_world)[rows], is_near)
+    return _path(R_world_camera, sightings, p_world_pelvis, time)
 
 
 def carried_camera(
@@ -107,16 +113,6 @@ def carried_camera(
 def _path(R_world_camera: Array, sightings: Sightings, p_world_pelvis: Array, time: Array) -> CameraPath:
     p = p_world_pelvis - np.einsum("tij,tj->ti", R_world_camera, sightings.p_camera_pelvis)
     return CameraPath(sightings.time, R_world_camera, running_median(p, sightings.time)).at(time)
-
-
-def _local_means(R: Array, time: Array) -> Array:
-    """Robust mean of the rotations near each instant."""
-    start = np.searchsorted(time, time - SMOOTHING)
-    rows = start[:, None] + np.arange(np.max(np.searchsorted(time, time + SMOOTHING) - start, initial=1))
-    rows = np.minimum(rows, len(time) - 1)
-    is_near = np.abs(time[rows] - time[:, None]) <= SMOOTHING / 2
-    is_near[:, 1:] &= rows[:, 1:] != rows[:, :-1]  # without repetitions of the last row
-    return robust_mean_rotation(R[rows], is_near)
 
 
 def running_median(values: Array, time: Array) -> Array:

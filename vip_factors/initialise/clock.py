@@ -277,7 +277,8 @@ def _limb_scatter(curve: CorrelationCurve, top_index: int, seconds: float) -> tu
     reach = round(LIMB_S / (curve.offset[1] - curve.offset[0]))
     start = max(top_index - reach, 0)
     shift, weight, names = [], [], set()
-    for limb in curve.limbs_at(top_index):
+    agreeing = [limb for pair in curve.pairs if pair.chosen[top_index] for limb in curve.limbs_of(pair)]
+    for limb in (limb for limb in agreeing if limb.gain[top_index] > 0):
         peak = start + int(np.argmax(limb.gain[start : top_index + reach + 1]))
         top, curvature = peak_vertex(curve.offset, limb.gain, peak, FIT_S)
         shift.append(top - seconds)

@@ -59,20 +59,17 @@ class CorrelationCurve:
     tracks: Sequence[Sequence[LimbCurve]] = ()  # for every track, the curves of all limbs of all wearers
     pairs: tuple[Pair, ...] = ()  # assignments of tracks to wearers
 
-    def limbs_at(self, index: int) -> list[LimbCurve]:
-        """Limbs that agree at an offset, of all tracks that are assigned to a wearer."""
-        return [limb for pair in self.pairs if pair.chosen[index] for limb in self._of(pair) if limb.gain[index] > 0]
-
     def explained(self, index: int) -> float:
         """Share of limbs' image motion that sensors explain at an offset: mean R² of the best track."""
-        pairs = [self._of(pair) for pair in self.pairs if pair.chosen[index]]
+        pairs = [self.limbs_of(pair) for pair in self.pairs if pair.chosen[index]]
         sums = [
             (sum(limb.gain[index] for limb in limbs), sum(limb.instants[index] for limb in limbs)) for limbs in pairs
         ]
         gain, instants = max(sums, default=(0.0, 1.0))
         return float(1 - np.exp(-max(gain, 0.0) / max(instants, 1.0)))
 
-    def _of(self, pair: Pair) -> list[LimbCurve]:
+    def limbs_of(self, pair: Pair) -> list[LimbCurve]:
+        """Curves of the wearer's limbs with the track."""
         return [limb for limb in self.tracks[pair.track] if limb.wearer == pair.wearer]
 
 

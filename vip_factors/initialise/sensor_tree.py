@@ -173,6 +173,8 @@ class LinkCosts:
 
     def of(self, candidates: Candidates) -> dict[int, Array]:
         """Costs in nats by the child's number, ``(K, M, K, M)``: heading and mounting of parent, then child."""
+        # number of frames: fewer for free candidates, fewest with several mountings each
+        postures = 12 if candidates.relative else 40 if candidates.declared else 20
         costs, (rotations, mountings) = {}, _quaternions(candidates)
         of_parent = slice(0, 1) if candidates.relative else slice(None)  # only differences of headings matter
         for link, accelerations in zip(self.links, self._accelerations, strict=True):
@@ -181,7 +183,7 @@ class LinkCosts:
             cost = np.zeros((*R_parent.shape[:2], *R_child.shape[:2]))
             rows = np.flatnonzero(self.frames.orientation_valid[:, [link.parent, link.child]].all(axis=1))
             if len(rows):
-                looked = rows[np.unique(np.linspace(0, len(rows) - 1, _postures(candidates)).astype(int))]
+                looked = rows[np.unique(np.linspace(0, len(rows) - 1, postures).astype(int))]
                 ends = [
                     (rotations[s, selection], mountings[s][selection], self._turned[s][looked])
                     for s, selection in sides
@@ -204,9 +206,16 @@ class LinkCosts:
 
     @cached_property
     def _accelerations(self) -> list["_Accelerations | None"]:
-        """Acceleration costs by link; None without data."""
-        carried, is_known = _linear_accelerations(self.frames)
-        return [_accelerations(link, self.frames, carried, is_known) for link in self.links]
+        """Acceleration costs by link; None without data.
+
+        The specific force of points on each sensor's bone is a linear function of the arm, ``(S, T − 2, 3, 4)``: a
+        column for the sensor's own and three that multiply the arm.
+        """
+        frames, R, is_oriented = self.frames, self.frames.R_inertial_sensor, self.frames.orientation_valid
+        bend = (R[:-2] - 2 * R[1:-1] + R[2:]) / frames.step**2
+        carried = np.concatenate([frames.specific_force_inertial[1:-1, ..., None], bend], axis=-1).swapaxes(0, 1)
+        is_known = is_oriented[:-2] & is_oriented[1:-1] & is_oriented[2:] & frames.acceleration_valid[1:-1]
+        return [_accelerations(link, frames, carried, is_known.T) for link in self.links]
 
 
 def _quaternions(candidates: Candidates) -> tuple[Array, list[Array]]:
@@ -275,41 +284,23 @@ def joint_products(above: Array, below: Array) -> Array:
     return np.stack([*squares, shared[0, :, 0] + shared[1, :, 1], across, shared[2, :, 2]])
 
 
-def _linear_accelerations(frames: ImuFrames) -> tuple[Array, np.ndarray]:
-    """Specific force of points on each sensor's bone as a linear function of the arm, ``(S, T − 2, 3, 4)``.
-
-    A column for the sensor's own and three that multiply the arm; also returns the validity ``(S, T − 2)``.
-    """
-    R, orientation_valid = frames.R_inertial_sensor, frames.orientation_valid
-    bend = (R[:-2] - 2 * R[1:-1] + R[2:]) / frames.step**2
-    is_known = (
-        orientation_valid[:-2] & orientation_valid[1:-1] & orientation_valid[2:] & frames.acceleration_valid[1:-1]
-    )
-    return np.concatenate([frames.specific_force_inertial[1:-1, ..., None], bend], axis=-1).swapaxes(0, 1), is_known.T
-
-
 def _accelerations(link: Link, frames: ImuFrames, carried: Array, is_known: np.ndarray) -> _Accelerations | None:
     slow, least_slow_misfit = 2.0, 0.3  # s, averaging window; m/s²
     sensors = [link.parent, link.child]
     rows = np.flatnonzero(is_known[sensors].all(axis=0))
-    arms = None if link.p_parent is None or link.p_child is None else (link.p_parent, link.p_child)
-    smooth = 1 if arms is not None else max(1, round(slow / frames.step))
-    if len(rows) < 2 * smooth + 1:
+    accelerations, looks = carried[sensors][:, rows], _looks(frames, rows, SWINGS_PER_SECOND)
+    if link.p_parent is not None and link.p_child is not None:
+        if len(rows) < 3:
+            return None
+        products = joint_products(*accelerations) / len(rows)
+        return _Accelerations((link.p_parent, link.p_child), products, looks, LEAST_MISFIT)
+    window = max(1, round(slow / frames.step))
+    if len(rows) < 2 * window + 1:
         return None
-    above, below = carried[sensors][:, rows] if arms is not None else _slow(carried[sensors][:, rows], smooth)
-    products = joint_products(above, below) / len(above)
-    looks = _looks(frames, rows, SWINGS_PER_SECOND)
-    if arms is not None:
-        return _Accelerations(arms, products, looks, LEAST_MISFIT)
+    smooth = scipy.ndimage.uniform_filter1d(accelerations, window, axis=1)[:, window // 2 : len(rows) - window // 2]
+    smooth = smooth - smooth.mean(axis=1, keepdims=True)  # without gravity and bias
+    products = joint_products(*smooth) / smooth.shape[1]
     return _Accelerations((np.zeros(3),) * 2, products, looks / slow, least_slow_misfit)
-
-
-def _postures(candidates: Candidates) -> int:
-    # number of frames: fewer for free candidates, fewest with several mountings each
-    postures, wandering_postures, fewest_postures = 40, 20, 12
-    if candidates.relative:
-        return fewest_postures
-    return postures if candidates.declared else wandering_postures
 
 
 def _looks(frames: ImuFrames, rows: np.ndarray, per_second: float) -> float:
@@ -342,10 +333,3 @@ def _from_left(q: Array) -> Array:
 def _square(v: Array) -> Array:
     """Squared length ``(...)`` of vectors ``(3, ...)``; the axis comes first for speed."""
     return np.asarray(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
-
-
-def _slow(accelerations: Array, frames: int) -> Array:
-    """Moving average of accelerations ``(2, T, 3, 4)`` over whole windows, without their mean (gravity, bias)."""
-    length = accelerations.shape[1]
-    smooth = scipy.ndimage.uniform_filter1d(accelerations, frames, axis=1)[:, frames // 2 : length - frames // 2]
-    return np.asarray(smooth - smooth.mean(axis=1, keepdims=True))

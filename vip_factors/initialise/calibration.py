@@ -34,38 +34,23 @@ from vip_factors.sensors.frames import ImuFrames
 TRUNK = (0, 3, 6, 9, 12, 15)  # pelvis, spine, neck, head
 
 
-@dataclass(frozen=True)
-class HeadingEvidence:
-    """Headings ``(S,)`` and standard deviations ``(S,)`` in radians, infinite without evidence."""
+def headings_from_acceleration(frames: ImuFrames, reference: int) -> tuple[Array, Array]:
+    """Heading ``(S,)`` of every sensor relative to the reference sensor's, from low-passed horizontal acceleration.
 
-    headings: Array
-    sigma: Array
-
-    def combined(self, evidence: "HeadingEvidence") -> "HeadingEvidence":
-        """Combine two estimates, weighted by their information, along the shorter arc."""
-        information_1, information_2 = self.sigma**-2.0, evidence.sigma**-2.0
-        share = information_2 / (information_1 + information_2)
-        headings = self.headings + share * wrap_angle(evidence.headings - self.headings)
-        return HeadingEvidence(headings, (information_1 + information_2) ** -0.5)
-
-
-def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvidence:
-    """Heading of every sensor relative to the reference sensor's, from low-passed horizontal acceleration.
-
-    The reference itself, and sensors without acceleration or without common motion, have infinite sigma.
+    Also returns standard deviations ``(S,)``, radians: infinite for the reference itself, and for sensors without
+    acceleration or without common motion.
     """
     pad_periods = 3  # shortest recording, in periods of the cut-off
     inflation = 2.0  # of the error expected from the coherence: motion of limbs is not white noise
     least_coherence = 0.5  # below it there is no common acceleration
     cutoff_hz = 0.3  # below a slow step (0.5 Hz per foot), above the drift of attitude filters
     S = len(frames.sensors)
-    none = HeadingEvidence(np.zeros(S), np.full(S, np.inf))
     acceleration_valid = frames.acceleration_valid
     use = np.any(acceleration_valid, axis=0)
     rows = np.flatnonzero(np.all(acceleration_valid[:, use], axis=1))
     duration = len(rows) * frames.step
     if not use[reference] or duration * cutoff_hz < pad_periods or 2 * cutoff_hz * frames.step >= 1:
-        return none
+        return np.zeros(S), np.full(S, np.inf)
     force = frames.specific_force_inertial[rows]
     smooth = _low_passed(force[..., :2], cutoff_hz * frames.step)
     z = smooth[..., 0] + 1j * smooth[..., 1]
@@ -80,7 +65,7 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     safe = np.where(clear, coherence, 1.0)
     sigma = np.where(clear, inflation * np.sqrt((1 - safe**2) / (2 * safe**2 * samples)), np.inf)
     sigma[reference] = np.inf
-    return HeadingEvidence(np.where(np.isfinite(sigma), np.angle(cross), 0.0), sigma)
+    return np.where(np.isfinite(sigma), np.angle(cross), 0.0), sigma
 
 
 def _low_passed(signal: Array, cutoff: float) -> Array:
@@ -150,13 +135,15 @@ def initial_calibration(
     rough = np.stack([placement.site(name).R_bone_sensor for name in frames.sensors])
     bones = R_world_bone[[placement.site(name).bone_index for name in frames.sensors]]
     sigma = np.array([placement.site(name).mounting_sigma for name in frames.sensors])
-    straps = HeadingEvidence(yaw_of(bones @ rough @ transpose(R_inertial_sensor)), sigma)
-    motion = headings_from_acceleration(frames, reference)
-    evidence = straps.combined(replace(motion, headings=motion.headings + straps.headings[reference]))
+    by_straps = yaw_of(bones @ rough @ transpose(R_inertial_sensor))
+    by_motion, motion_sigma = headings_from_acceleration(frames, reference)
+    information = sigma**-2.0 + motion_sigma**-2.0
+    off = wrap_angle(by_motion + by_straps[reference] - by_straps)  # along the shorter arc
+    headings, heading_sigma = by_straps + motion_sigma**-2.0 / information * off, information**-0.5
     if pose is None:
-        return InitialCalibration(evidence.headings, evidence.sigma, rough)
-    mountings = transpose(bones) @ rotation_z(evidence.headings) @ R_inertial_sensor
-    return InitialCalibration(evidence.headings, evidence.sigma, mountings, bones)
+        return InitialCalibration(headings, heading_sigma, rough)
+    mountings = transpose(bones) @ rotation_z(headings) @ R_inertial_sensor
+    return InitialCalibration(headings, heading_sigma, mountings, bones)
 
 
 def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibration]) -> InitialCalibration:

@@ -84,49 +84,43 @@ class StartSearch:
         ``usual`` follows from placement and low-passed motion, with bones in the declared pose, if any; in it sensors
         have the orientations ``(S, 3, 3)``. Without it, ``competitors`` are further starts.
         """
-        if usual.R_world_bone is not None:
+        tilted, is_free = tuple[int, ...](), usual.R_world_bone is None and not self.known_mountings
+        if is_free:
+            grid, tilted = self._free_candidates(usual, competitors)
+        elif usual.R_world_bone is not None:
             grid = declared_candidates(usual, R_inertial_at_pose)
-        elif self.known_mountings:
-            grid = heading_candidates(usual.R_bone_sensor, float(usual.headings[self._root]))
         else:
-            return self._best_undeclared(usual, competitors)
+            grid = heading_candidates(usual.R_bone_sensor, float(usual.headings[self._root]))
         pairs = self._links.of(grid)
-        minima = {hypothesis: self._minimum(grid, pairs, (hypothesis,), marginals=False) for hypothesis in HYPOTHESES}
+        minima = {hypothesis: self._minimum(grid, pairs, (hypothesis,), marginals=is_free) for hypothesis in HYPOTHESES}
         starts = [
             Start(hypothesis.name, _calibration_of(grid, minimum, usual), minimum.cost)
             for hypothesis, minimum in minima.items()
         ]
-        starts = [self._refine(start) for start in (*starts, self._usual_start(usual))]
+        if not is_free:
+            starts = [self._refine(start) for start in (*starts, self._usual_start(usual))]
         best_start = min(starts, key=lambda start: start.cost)
         named = [hypothesis for hypothesis in HYPOTHESES if hypothesis.name == best_start.hypothesis]
         hypothesis = min(named or HYPOTHESES, key=lambda candidate: minima[candidate].cost)
-        minimum = self._minimum(grid, pairs, (hypothesis,))
-        return self._compare(best_start, starts, grid, pairs, hypothesis, minimum)
+        minimum = minima[hypothesis] if is_free else self._minimum(grid, pairs, (hypothesis,))
+        return replace(self._compare(best_start, starts, grid, pairs, hypothesis, minimum), tilted=tilted)
 
     def cost(self, calibration: InitialCalibration) -> float:
         """Cost of given headings and mountings in nats, under the likeliest hypothesis."""
         return self._refine(Start("", replace(calibration, R_world_bone=None), 0.0), np.zeros(1)).cost
 
-    def _best_undeclared(self, usual: InitialCalibration, competitors: Sequence[InitialCalibration]) -> Starts:
-        root, up = self._root, self._up_sensor
-        facing = float(usual.headings[root])
-        grid, tilted = placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, facing)
+    def _free_candidates(
+        self, usual: InitialCalibration, competitors: Sequence[InitialCalibration]
+    ) -> tuple[Candidates, tuple[int, ...]]:
+        """Refined candidates without a declared pose, and sensors whose bones no placed mounting keeps upright."""
+        root, facing = self._root, float(usual.headings[self._root])
+        grid, tilted = placed_candidates(usual.R_bone_sensor, self.prior.limbs, self._up_sensor, facing)
         starts = [
             replace(start, headings=start.headings + facing - start.headings[root]) for start in (usual, *competitors)
         ]
         particles = likely_candidates(grid, self._least(grid)).beside(Candidates.of(starts))
         particles = refined_candidates(particles, self._least, root)
-        candidates = about_best(likely_candidates(particles, self._least(particles)), root)
-        pairs = self._links.of(candidates)
-        usual = replace(usual, R_world_bone=None)
-        minima = {hypothesis: self._minimum(candidates, pairs, (hypothesis,)) for hypothesis in HYPOTHESES}
-        hypothesis, minimum = min(minima.items(), key=lambda entry: entry[1].cost)
-        best_start = Start(hypothesis.name, _calibration_of(candidates, minimum, usual), minimum.cost)
-        rivals = [
-            Start(rival.name, _calibration_of(candidates, rival_minimum, usual), rival_minimum.cost)
-            for rival, rival_minimum in minima.items()
-        ]
-        return replace(self._compare(best_start, rivals, candidates, pairs, hypothesis, minimum), tilted=tilted)
+        return about_best(likely_candidates(particles, self._least(particles)), root), tilted
 
     def _least(self, candidates: Candidates) -> Sequence[Array]:
         """Least cost with each candidate by sensor, ``(K, M)``, over all hypotheses."""

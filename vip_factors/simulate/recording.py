@@ -96,7 +96,7 @@ WHITE_DEG, WHITE_FORCE = 0.3, 0.3  # a sample, degrees and m/s²: rounding and t
 
 
 def simulate_recording(
-    motion: Motion,
+    motion: Motion | DenseMotion,
     placement: Placement,
     settings: SimulateSettings | None = None,
     seed: int = 0,
@@ -106,7 +106,7 @@ def simulate_recording(
     """What the placed sensors would have recorded during a motion.
 
     Args:
-        motion: densely sampled (100 Hz or more), low-passed and splined first; the splines are the truth.
+        motion: densely sampled (100 Hz or more), low-passed and splined first; or its splines, which are the truth.
         placement: where the sensors were *meant* to sit; the recording carries this one, the truth the real one.
         settings: rates and errors; realistic ones if absent.
         seed: same seed, same recording. Each sensor draws from its own stream, found by its name, and each kind of
@@ -117,15 +117,9 @@ def simulate_recording(
     Raises:
         InputError: for a motion of fewer than 8 frames, or of less than two IMU periods.
     """
-    settings = settings or SimulateSettings()
-    return record(dense_motion(motion, settings.lowpass_hz), placement, settings, seed, name, initial_pose)
-
-
-def record(
-    dense: DenseMotion, placement: Placement, settings: SimulateSettings, seed: int, name: str, initial_pose: str
-) -> Recording:
-    """As :func:`simulate_recording`, of a motion that has its splines already."""
     truth_rate = 60.0  # Hz of the true motion: the frame rate of TotalCapture and of most video
+    settings = settings or SimulateSettings()
+    dense = motion if isinstance(motion, DenseMotion) else dense_motion(motion, settings.lowpass_hz)
     imus, calibration = {}, {}
     for site in placement.sites:
         imus[site.sensor], calibration[site.sensor] = simulate_sensor(dense, site, settings, seed)

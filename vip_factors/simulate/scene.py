@@ -27,7 +27,7 @@ from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount
 from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
-from vip_factors.simulate.recording import record, simulate_sensor, smooth_process
+from vip_factors.simulate.recording import simulate_recording, simulate_sensor, smooth_process
 from vip_factors.simulate.settings import SceneSettings
 
 GRID_HZ = 120.0  # of the nodes of the splines
@@ -100,7 +100,7 @@ def simulate_scene(
     for order, number in enumerate(wearer_numbers):
         performer, placement = performers[number], performers[number].placement
         assert placement is not None
-        recording = record(
+        recording = simulate_recording(
             dense[number], placement, settings.imu, seed + seed_step * order, performer.name, performer.initial_pose
         )
         recordings.append(replace(recording, subject=replace(recording.subject, name=performer.name)))

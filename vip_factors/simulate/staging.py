@@ -69,15 +69,10 @@ def with_initial_pose(
     if blended >= len(motion):
         raise InputError(f"motion '{motion.name}' is shorter than the blend of {blend_s:g} s: shorten the blend")
     R_held, p_held = _held_pose(motion, pose, pose_error_deg, seed)
-    weight = _smooth_step(blended)
-    R, p = motion.R_parent_child.copy(), motion.p_world_pelvis.copy()
-    turn = log(transpose(R_held) @ R[:blended])
-    R[:blended] = R_held @ exp(weight[:, None, None] * turn)
-    p[:blended] = p_held + weight[:, None] * (p[:blended] - p_held)
-    held_pose, motion_poses = (R_held[None], p_held[None]), (motion.R_parent_child, motion.p_world_pelvis)
-    p[:blended, 2] += _blended_lift(motion, R[:blended], p[:blended], held_pose, motion_poses, weight)
-    R = np.concatenate([np.repeat(R_held[None], hold_frames, axis=0), R])
-    p = np.concatenate([np.repeat(p_held[None], hold_frames, axis=0), p])
+    R, p = motion.R_parent_child, motion.p_world_pelvis
+    R_blended, p_blended = _blended(motion, (R_held[None], p_held[None]), (R[:blended], p[:blended]))
+    R = np.concatenate([np.repeat(R_held[None], hold_frames, axis=0), R_blended, R[blended:]])
+    p = np.concatenate([np.repeat(p_held[None], hold_frames, axis=0), p_blended, p[blended:]])
     return replace(motion, R_parent_child=R, p_world_pelvis=p)
 
 
@@ -136,19 +131,10 @@ def lasting(motion: Motion, seconds: float) -> Motion:
     home = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
     while len(p) < frames:
         R_next, p_next = _turned_home(motion, R[-blend:], p[-blend:], home)
-        weight = _smooth_step(blend)
-        joined_R = R[-blend:] @ exp(weight[:, None, None] * log(transpose(R[-blend:]) @ R_next[:blend]))
-        joined_p = p[-blend:] + weight[:, None] * (p_next[:blend] - p[-blend:])
-        joined_p[:, 2] += _blended_lift(motion, joined_R, joined_p, (R[-blend:], p[-blend:]), (R_next, p_next), weight)
-        R = np.concatenate([R[:-blend], joined_R, R_next[blend:]])
-        p = np.concatenate([p[:-blend], joined_p, p_next[blend:]])
+        R_blended, p_blended = _blended(motion, (R[-blend:], p[-blend:]), (R_next[:blend], p_next[:blend]))
+        R = np.concatenate([R[:-blend], R_blended, R_next[blend:]])
+        p = np.concatenate([p[:-blend], p_blended, p_next[blend:]])
     return replace(motion, R_parent_child=R[:frames], p_world_pelvis=p[:frames])
-
-
-def _smooth_step(count: int) -> Array:
-    """Weights from 0 to 1 with vanishing first and second derivatives at both ends."""
-    phase = np.arange(count) / max(count, 1)
-    return phase**3 * (10 - 15 * phase + 6 * phase**2)
 
 
 def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tuple[Array, Array]:
@@ -170,21 +156,24 @@ def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tup
     return R, motion.p_world_pelvis @ R_turn.T + shift
 
 
-def _blended_lift(
-    motion: Motion,
-    R: Array,
-    p: Array,
-    poses_before: tuple[Array, Array],
-    poses_after: tuple[Array, Array],
-    weight: Array,
-) -> Array:
-    """How far to raise the root of blended frames, so that the feet neither dip nor float."""
-    B = len(weight)
+def _blended(
+    motion: Motion, poses_before: tuple[Array, Array], poses_after: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Joint rotations ``(B, 24, 3, 3)`` and roots ``(B, 3)`` from one stretch (or pose) to another of B frames.
 
-    def floor(R: Array, p: Array) -> Array:
-        return floor_height(motion.skeleton, forward_kinematics(motion.skeleton, R[:B], p[:B]))
-
-    return floor(*poses_before) * (1 - weight) + floor(*poses_after) * weight - floor(R, p)
+    A slerp of every joint, with the root raised so that the feet neither dip nor float.
+    """
+    (R_before, p_before), (R_after, p_after) = poses_before, poses_after
+    phase = np.arange(len(R_after)) / max(len(R_after), 1)
+    weight = phase**3 * (10 - 15 * phase + 6 * phase**2)  # first and second derivatives vanish at both ends
+    R = R_before @ exp(weight[:, None, None] * log(transpose(R_before) @ R_after))
+    p = p_before + weight[:, None] * (p_after - p_before)
+    before, after, blended = (
+        floor_height(motion.skeleton, forward_kinematics(motion.skeleton, *poses))
+        for poses in (poses_before, poses_after, (R, p))
+    )
+    p[:, 2] += before * (1 - weight) + after * weight - blended
+    return R, p
 
 
 def from_time(motion: Motion, seconds: float) -> Motion:

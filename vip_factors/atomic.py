@@ -10,7 +10,7 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 from vip_factors.errors import InputError, naming_file
 
@@ -44,13 +44,13 @@ def atomic_path(path: str | os.PathLike[str], overwrite: bool = False) -> Iterat
 
 
 @contextmanager
-def atomic_open(path: str | os.PathLike[str], mode: str = "w", overwrite: bool = False) -> Iterator[IO[Any]]:
+def atomic_open(
+    path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w", overwrite: bool = False
+) -> Iterator[IO[Any]]:
     """An open file as of ``open(path, mode)``, which appears under its name only once it is whole.
 
     Text is UTF-8 with plain newlines on every system. Other arguments and errors as :func:`atomic_path`.
     """
-    if mode not in ("w", "wb"):
-        raise InputError(f"mode '{mode}': expected 'w' or 'wb'; an atomic file is always written from its start")
     text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
     with atomic_path(path, overwrite) as temporary, open(temporary, mode, **text) as file:  # type: ignore[call-overload]
         yield file

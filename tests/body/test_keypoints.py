@@ -6,8 +6,6 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import (
     KEYPOINT_SETS,
-    SHAPE,
-    KeypointOffsets,
     KeypointSet,
     keypoint_set,
 )
@@ -67,9 +65,3 @@ def test_families_of_detectors_have_their_own_definitions() -> None:
     assert np.all(heel[1:] > 0.02)  # up and forward
     np.testing.assert_allclose(place("body25", "right_heel"), place("body25", "left_heel") * [-1, 1, 1], atol=1e-9)
     assert place("openpose18", "left_hip")[2] > place("blazepose33", "left_hip")[2] > 0
-
-
-@pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan])
-def test_a_sigma_that_is_none_is_refused(sigma: float) -> None:
-    with pytest.raises(InputError, match="sigmas above zero"):
-        KeypointOffsets(np.zeros(SHAPE), np.full(SHAPE, sigma))

@@ -89,12 +89,6 @@ def test_the_filter_removes_jitter_and_keeps_the_motion() -> None:
     assert dense_motion(shaken, 10.0).bone(0, time).position == pytest.approx(truth.position, abs=0.002)
 
 
-def test_times_outside_and_short_motions_are_refused(motion: Motion, dense: DenseMotion) -> None:
-    with pytest.raises(InputError, match=r"lasts from 0 to 4 s"):
-        dense.bone(0, np.array([4.5]))
+def test_short_motions_are_refused(motion: Motion) -> None:
     with pytest.raises(InputError, match="at least 8"):
         dense_motion(motion.frames(slice(0, 5)))
-    root = motion.p_world_pelvis.copy()
-    root[7, 1] = np.nan
-    with pytest.raises(InputError, match="frame 7 is not finite"):
-        dense_motion(Motion(motion.skeleton, motion.R_parent_child, root, motion.rate))

@@ -209,9 +209,6 @@ def keypoint_set(name: str) -> KeypointSet:
     return KEYPOINT_SETS[name]
 
 
-SHAPE = (len(OFFSET_KEYPOINTS), 3)
-
-
 @dataclass(frozen=True)
 class KeypointOffsets:
     """Gaussian over the offsets of the :data:`OFFSET_KEYPOINTS`: mean and sigma ``(K, 3)`` m.
@@ -221,12 +218,3 @@ class KeypointOffsets:
 
     mean: Array
     sigma: Array
-
-    def __post_init__(self) -> None:
-        mean, sigma = np.asarray(self.mean, float), np.asarray(self.sigma, float)
-        if mean.shape != SHAPE or sigma.shape != SHAPE:
-            raise InputError(f"keypoint offsets: mean {mean.shape} and sigma {sigma.shape}: expected {SHAPE} of both")
-        if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(sigma)) and np.all(sigma > 0)):
-            raise InputError("keypoint offsets: expected finite means and sigmas above zero")
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "sigma", sigma)

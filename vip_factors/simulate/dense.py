@@ -61,12 +61,6 @@ class DenseMotion:
 
     def bone(self, bone: int, time: Array) -> BoneKinematics:
         """Kinematics of a bone at ``time`` ``(N,)`` seconds, within the motion."""
-        time = np.asarray(time, dtype=float)
-        if len(time) and (time.min() < self.start - 1e-9 or time.max() > self.end + 1e-9):
-            raise InputError(
-                f"motion '{self.name}' lasts from {self.start:g} to {self.end:g} s: cannot be asked for "
-                f"{time.min():g} to {time.max():g} s"
-            )
         time = np.clip(time, self.start, self.end)
         position, velocity, acceleration = (self.root.derivative(k)(time) if k else self.root(time) for k in range(3))
         R, rate, angular = self._joint(0, time)
@@ -103,15 +97,12 @@ def dense_motion(motion: Motion, lowpass_hz: float | None = None) -> DenseMotion
     """Splines through the frames of a motion, low-passed first if asked (optical capture is noisy).
 
     Raises:
-        InputError: for a motion of fewer than 8 frames, or with frames that are not finite.
+        InputError: for a motion of fewer than 8 frames.
     """
     least_frames = 8  # to hold a quintic and the filter's settling
     root_degree = 5  # of the root path's spline: continuous up to the fourth derivative
     if len(motion) < least_frames:
         raise InputError(f"motion '{motion.name}' has {len(motion)} frames: expected at least {least_frames}")
-    finite = np.isfinite(motion.R_parent_child).all(axis=(1, 2, 3)) & np.isfinite(motion.p_world_pelvis).all(axis=1)
-    if not np.all(finite):
-        raise InputError(f"motion '{motion.name}': frame {int(np.argmin(finite))} is not finite: cut the motion there")
     q = _continuous_quaternions(motion.R_parent_child)
     root = motion.p_world_pelvis
     if lowpass_hz is not None and lowpass_hz < 0.45 * motion.rate:

@@ -331,4 +331,4 @@ def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointO
             f"{settings.learned}: has no offsets of '{name}', the keypoints of camera '{camera.name}': it has "
             f"{', '.join(learned) or 'none'}"
         )
-    return KeypointOffsets(*map(np.array, learned[name]))
+    return KeypointOffsets(*(np.array(values, float) for values in learned[name]))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scene_sample import scene_sample
 
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, keypoint_set
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.factor_settings import KeypointOffsetSettings
 from vip_factors.io.detections import read_keypoint_offsets
@@ -15,7 +15,7 @@ from vip_factors.problem.scene import keypoint_offset_sigmas
 from vip_factors.sensors.detections import Detections
 from vip_factors.stages.fusion_start import prior_offsets
 
-MEAN = np.round(0.02 * np.random.default_rng(0).standard_normal(SHAPE), 6)
+MEAN = np.round(0.02 * np.random.default_rng(0).standard_normal((len(OFFSET_KEYPOINTS), 3)), 6)
 
 
 def written(path: Path) -> Path:

@@ -9,7 +9,7 @@ from scene_sample import MODEL, scene_sample
 
 from tests.studies.__main__ import main
 from tests.studies.train_keypoints import offsets_in_recording, pooled_offsets
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets, offset_of
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, offset_of
 from vip_factors.cli.main import main as vip_factors
 from vip_factors.errors import InputError
 from vip_factors.io.detections import read_keypoint_offsets
@@ -93,6 +93,7 @@ def test_from_recordings_to_the_next_estimate(tmp_path: Path, capsys: pytest.Cap
     assert vip_factors(["smooth", str(scene), "--out", str(estimate), *learned, *quick]) == 0
 
 
+SHAPE = (len(OFFSET_KEYPOINTS), 3)
 USUAL = np.full(SHAPE, 0.010)
 DETECTOR_HABIT = 0.012 * np.random.default_rng(1).standard_normal(SHAPE)
 

@@ -12,7 +12,7 @@ import tyro
 from tests.studies.study import Study, Tell, group, table
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets
 from vip_factors.cli.options import Output
 from vip_factors.errors import InputError, SolveError
 from vip_factors.factor_settings import KeypointOffsetSettings
@@ -280,4 +280,4 @@ def _decoded(solution: FusionSolution) -> KeypointOffsets:
         raise InputError(f"the offsets are not determined ({error}): expected a longer recording") from error
     covariance = SharedCovariance(objective.layout, shared).of(DETECTOR, "keypoint_offsets")
     assert covariance is not None
-    return KeypointOffsets(solution.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(SHAPE))
+    return KeypointOffsets(solution.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(-1, 3))

@@ -18,8 +18,8 @@ from running_processes import begun_by
 from stub_tracker import scene_file, tracker_class
 
 from vip_factors.cli.main import main
-from vip_factors.cli.stream_session import Interrupts, Session, status, summary
-from vip_factors.cli.terminal import StatusLine
+from vip_factors.cli.stream import Session, status, summary
+from vip_factors.cli.terminal import Interrupts, StatusLine
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.findings import sentences
 from vip_factors.io.mcap_estimate import read_estimate

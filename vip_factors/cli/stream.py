@@ -2,12 +2,14 @@
 
 import os
 import sys
+import time
+from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import tyro
 
@@ -23,22 +25,24 @@ from vip_factors.cli.options import (
     SettingsOptions,
     fail_on,
 )
-from vip_factors.cli.terminal import StatusLine, give_up_output, note, say
+from vip_factors.cli.terminal import Interrupts, StatusLine, give_up_output, note, say
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.findings import verdict
+from vip_factors.findings import Finding, verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
 from vip_factors.ranges import Port
 from vip_factors.settings import LiveSettings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
-    from vip_factors.cli.stream_session import Interrupts, Session, Sink
-    from vip_factors.io.live.source import LiveSource
+    import numpy as np
+
     from vip_factors.io.live_server import LiveServer
+    from vip_factors.live_estimate import LiveEstimate
     from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
 
-INSTEAD_OF_A_WINDOW = "--rerun-save FILE.rrd or --rerun-connect URL instead of --rerun"
+RECENT = 600  # updates, ten seconds, that the line's figures are of
+LINE_S = 0.25  # seconds between looks of the line: it is read, not watched
 
 
 @dataclass(frozen=True)
@@ -98,27 +102,27 @@ def execute_stream(options: StreamOptions) -> None:
     _check(options)
     from threadpoolctl import threadpool_limits
 
-    from vip_factors.cli.stream_session import Interrupts
-
     # Lines of JSON on the same terminal would run into the status.
     line = StatusLine(wanted=not (options.json and sys.stdout.isatty()))
     with Interrupts() as interrupts:
         try:
             # Products of small matrices: a second thread in each costs more than it brings.
             with line, threadpool_limits(limits=1, user_api="blas"):
-                session, viewer_messages = _run(options, settings, interrupts, line)
+                session = _run(options, settings, interrupts, line)
         except KeyboardInterrupt:  # before the stream began, or a second time
             note("vip-factors: interrupted")
             raise SystemExit(interrupts.exit_code) from None
-        except OSError as error:
-            _tell_partial(options.out, options.rerun_save)
-            raise error
-        _conclude(options, settings, session, viewer_messages, interrupts)
+        except OSError:
+            for path in (options.out, options.rerun_save):
+                if path is not None and (partial := partial_path(path)).exists():
+                    note(f"note: what was written until then is in {partial}, which can be read")
+            raise
+        _conclude(options, settings, session, interrupts)
 
 
 def _check(options: StreamOptions) -> None:
     if options.rerun:
-        check_display(INSTEAD_OF_A_WINDOW)
+        check_display("--rerun-save FILE.rrd or --rerun-connect URL instead of --rerun")
     if options.rerun_save is not None:
         check_partial(options.rerun_save, options.overwrite)
     if options.vmc is not None:
@@ -127,34 +131,26 @@ def _check(options: StreamOptions) -> None:
         check_vmc(options.vmc)
     if options.web is not None:
         import_module("vip_factors.io.live.network")
-    if _wants_rerun(options):
+    if options.rerun or options.rerun_save is not None or options.rerun_connect is not None:
         os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a viewer that was closed, line after line
         import_module("vip_factors.viz.live_rerun")  # takes seconds, better spent before a stream begins
 
 
-def _run(
-    options: StreamOptions, settings: LiveSettings, interrupts: "Interrupts", line: "StatusLine"
-) -> tuple["Session", list[str]]:
-    """Track until the end; returns what was counted, and what is to be said at last."""
-    from vip_factors.cli.stream_session import Session
+def _run(options: StreamOptions, settings: LiveSettings, interrupts: Interrupts, line: StatusLine) -> "Session":
+    """Track until the end; returns what was counted."""
     from vip_factors.io.live.open import open_source, read_token
 
     with ExitStack() as stack:
-        source: LiveSource = open_source(
-            options.source,
-            follow=options.follow,
-            real_time=options.real_time,
-            settings=options.limits,
-            on_finding=lambda finding: line.note(f"note: {finding.sentence}"),
-            token=read_token(options.token_file),
-        )
+        token = read_token(options.token_file)
+        source = open_source(options.source, options.follow, options.real_time, options.limits, token=token)
+        source.on_finding = lambda finding: line.note(f"note: {finding.sentence}")
         from vip_factors.live.stream import Stream  # takes a second: before the clock runs
         from vip_factors.sensors.live import VideoFrame
 
         stack.enter_context(source)
         if source.listens:
             line.note(f"note: {source.listens}")
-        page = _live_page(options, source.awaits, stack, line)
+        page = _live_page(options, source.awaits, token, stack, line)
         line.show("waiting for the stream to begin")
         setup = interrupts.waiting_for(lambda: source.setup)
         sinks = list(_sinks(options, settings, setup, stack, line))
@@ -163,53 +159,44 @@ def _run(
 
             page.begin(setup, live_page(setup))
             sinks.append(page)
-        viewers = _viewers(options, settings, setup, stack)
-        session = Session(sinks, viewers, line)
+        session = Session(sinks, list(_viewers(options, settings, setup, stack)), line)
         stream = Stream(setup, settings, real_time=not source.is_played, on_finding=session.report)
         interrupts.on_asked = stream.give_up
         for message in interrupts.until_asked(iter(source)):
             if isinstance(message, VideoFrame):
-                session.write_video(message)
+                for viewer in session.viewers:
+                    viewer.write(message)
             session.write(stream.take(message, source.waited_s))
             if session.is_over:
                 give_up_output()
                 break
         session.write(stream.finish())
-        sentences = [sentence for viewer in viewers for sentence in viewer.close()]
-        session.lost = [viewer.lost for viewer in viewers if viewer.lost]
-        dropped = sum(viewer.dropped for viewer in viewers)
-        if dropped:
-            sentences.append(f"{dropped} frames were not drawn: Rerun was busy")
-    return session, sentences
+        session.close()
+    return session
 
 
-def _wants_rerun(options: StreamOptions) -> bool:
-    return options.rerun or options.rerun_save is not None or options.rerun_connect is not None
+def _viewers(
+    options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack
+) -> "Iterator[LiveRerunSink]":
+    """Open the viewers of Rerun."""
+    save, connect = options.rerun_save, options.rerun_connect
+    wanted = ((options.rerun, None, None), (save is not None, save, None), (connect is not None, None, connect))
+    for is_wanted, path, address in wanted:
+        if is_wanted:
+            from vip_factors.viz.live_rerun import LiveRerunSink
 
-
-def _viewers(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack) -> "list[LiveRerunSink]":
-    if not _wants_rerun(options):
-        return []
-    from vip_factors.viz.live_rerun import LiveRerunSink
-
-    viewers = [LiveRerunSink(setup, settings.frame_rate)] if options.rerun else []
-    if options.rerun_save is not None:
-        save, overwrite = options.rerun_save, options.overwrite
-        viewers.append(LiveRerunSink(setup, settings.frame_rate, save=save, overwrite=overwrite))
-    if options.rerun_connect is not None:
-        viewers.append(LiveRerunSink(setup, settings.frame_rate, connect=options.rerun_connect))
-    for viewer in viewers:
-        stack.callback(viewer.close)
-    return viewers
+            viewer = LiveRerunSink(setup, settings.frame_rate, path, address, options.overwrite)
+            stack.callback(viewer.close)
+            yield viewer
 
 
 def _sinks(
-    options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack, line: "StatusLine"
+    options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack, line: StatusLine
 ) -> "Iterator[Sink]":
     """Open all sinks of estimates except Rerun's viewers."""
-    from vip_factors.io.live_json import LiveJsonSink
-
     if options.json:
+        from vip_factors.io.live_json import LiveJsonSink
+
         yield LiveJsonSink(sys.stdout, setup)
     if options.out is not None:
         from vip_factors.io.live_mcap import LiveMcapSink
@@ -223,36 +210,28 @@ def _sinks(
         avatars = LiveVmcSink(options.vmc, setup, options.sent_pose)
         stack.callback(lambda: list(map(line.note, avatars.close())))
         if len(avatars.ports) > 1:
-            line.note(
-                f"note: VMC messages: {', '.join(f'{name} on port {port}' for name, port in avatars.ports.items())}"
-            )
+            ports = ", ".join(f"{name} on port {port}" for name, port in avatars.ports.items())
+            line.note(f"note: VMC messages: {ports}")
         yield avatars
 
 
-def _live_page(options: StreamOptions, awaits: str, stack: ExitStack, line: "StatusLine") -> "LiveServer | None":
+def _live_page(
+    options: StreamOptions, awaits: str, token: str, stack: ExitStack, line: StatusLine
+) -> "LiveServer | None":
     """The server of the live page, which says what the stream waits for until it begins."""
     if options.web is None:
         return None
-    from vip_factors.io.live.open import read_token
     from vip_factors.io.live_server import LiveServer
     from vip_factors.report.page import waiting_page
 
-    server = LiveServer(None, waiting_page(awaits), options.web, options.web_host, read_token(options.token_file))
+    server = LiveServer(None, waiting_page(awaits), options.web, options.web_host, token)
     line.note(f"note: {stack.enter_context(server).listens}")
     return server
 
 
-def _conclude(
-    options: StreamOptions,
-    settings: LiveSettings,
-    session: "Session",
-    findings: Sequence[str],
-    interrupts: "Interrupts",
-) -> None:
+def _conclude(options: StreamOptions, settings: LiveSettings, session: "Session", interrupts: Interrupts) -> None:
     """The summary; beside lines of JSON on stderr, where it is no part of them."""
-    from vip_factors.cli.stream_session import summary
-
-    for sentence in findings:
+    for sentence in session.sentences:
         note(f"note: {sentence}")
     tell = note if options.json else say
     if session.update_s:
@@ -273,8 +252,97 @@ def _conclude(
     fail_on(options.fail_on, verdict(session.findings.values()))
 
 
-def _tell_partial(*wanted: Path | None) -> None:
-    """Name the partial files of outputs that could not be completed."""
-    for path in wanted:
-        if path is not None and (partial := partial_path(path)).exists():
-            note(f"note: what was written until then is in {partial}, which can be read")
+class Sink(Protocol):
+    """Destination of estimates."""
+
+    def write(self, estimate: "LiveEstimate") -> None:
+        """Take in the answer to one frame."""
+
+
+class Session:
+    """Outputs of a stream: hands answers to the sinks, reports findings, and keeps count.
+
+    Attributes:
+        viewers: sinks that show video frames too.
+        update_s: what each update took.
+        is_over: whether nobody reads the JSON lines any more.
+        findings: the last one of each kind.
+        sentences: of the viewers, about their end.
+        lost: a sentence for each output that was wanted and is not there.
+    """
+
+    def __init__(self, sinks: "Sequence[Sink]", viewers: "Sequence[LiveRerunSink]", line: StatusLine) -> None:
+        self._sinks, self.viewers, self._line = list(sinks), viewers, line
+        self.update_s = array("d")
+        self.is_over = False
+        self.sentences: list[str] = []
+        self.lost: list[str] = []
+        self.findings: dict[str, Finding] = {}
+        self._shown_at = -LINE_S
+
+    def report(self, finding: Finding) -> None:
+        """Report a finding of the source or of the tracker."""
+        self.findings[finding.kind] = finding
+        self._line.note(f"{finding.severity}: {finding}")
+
+    def write(self, estimates: "list[LiveEstimate]") -> None:
+        """Hand answers to all sinks."""
+        for estimate in estimates:
+            self.update_s.append(estimate.seconds)
+            for sink in [*self._sinks, *self.viewers]:
+                try:
+                    sink.write(estimate)
+                except BrokenPipeError:  # the reader of the JSON lines, ``head`` say, has seen enough
+                    self.is_over = True
+                    self._sinks.remove(sink)
+        moment = time.monotonic()
+        if estimates and moment - self._shown_at >= LINE_S:
+            self._shown_at = moment
+            for viewer in self.viewers:
+                for sentence in viewer.findings():
+                    self._line.note(f"note: {sentence}")
+            if self._line.shown:
+                self._line.show(status(estimates[-1], self.update_s[-RECENT:]))
+
+    def close(self) -> None:
+        """End the viewers, and ask what they could not show."""
+        self.sentences = [sentence for viewer in self.viewers for sentence in viewer.close()]
+        self.lost = [viewer.lost for viewer in self.viewers if viewer.lost]
+        dropped = sum(viewer.dropped for viewer in self.viewers)
+        if dropped:
+            self.sentences.append(f"{dropped} frames were not drawn: Rerun was busy")
+
+
+def status(estimate: "LiveEstimate", update_s: "Sequence[float] | np.ndarray") -> str:
+    """Status line: time of the stream, duration of updates, visible wearers, uncertainty of headings."""
+    import numpy as np
+
+    median, late = 1e3 * np.percentile(update_s, [50, 99])
+    phrases = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, p99 {late:.1f} ms"]
+    if estimate.preliminary:
+        phrases.append("preliminary")
+    if estimate.cameras:
+        names_in_view = [wearer.name for wearer in estimate.wearers if wearer.detection is not None]
+        phrases.append(f"seen: {', '.join(names_in_view) or 'nobody'}")
+    sigmas = {
+        sensor: sensor_calibration.heading_sigma
+        for wearer in estimate.wearers
+        for sensor, sensor_calibration in wearer.calibration.items()
+        if np.isfinite(sensor_calibration.heading_sigma)
+    }
+    if sigmas:
+        least_certain = max(sigmas, key=lambda sensor: sigmas[sensor])
+        typical, largest = np.rad2deg([np.median(list(sigmas.values())), sigmas[least_certain]])
+        phrases.append(f"headings ±{typical:.1f}°, {least_certain} ±{largest:.1f}°")
+    return " | ".join(phrases)
+
+
+def summary(update_s: Sequence[float], frame_rate: float) -> str:
+    """Number of frames and distribution of the updates' durations."""
+    import numpy as np
+
+    median, longest, late = 1e3 * np.percentile(update_s, [50, 95, 99])
+    return (
+        f"{len(update_s)} frames; update: median {median:.1f} ms, 95 % {longest:.1f} ms, 99 % {late:.1f} ms, "
+        f"worst {1e3 * max(update_s):.1f} ms (a frame lasts {1e3 / frame_rate:.1f} ms)"
+    )

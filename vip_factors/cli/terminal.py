@@ -7,11 +7,11 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import StringIO
 from types import FrameType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from vip_factors.display import ProgressCallback
 from vip_factors.errors import naming_file
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rich.live import Live
 
     from vip_factors.tables import Table
+
+T = TypeVar("T")
 
 # C0 and C1 controls (ESC moves cursors and sets titles), separators of lines, marks that turn text round, surrogates.
 CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -238,3 +240,59 @@ class Ending:
             os.kill(os.getpid(), number)
         self.number = number
         raise KeyboardInterrupt
+
+
+class Interrupts(Ending):
+    """Ctrl-C or SIGTERM end a stream between two samples, not within an update or half a line.
+
+    A second one interrupts whatever goes on.
+
+    Attributes:
+        on_asked: called by the first one, wherever the program is.
+    """
+
+    is_exclusive = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.on_asked: Callable[[], None] = lambda: None
+        self._waiting = False
+
+    @property
+    def asked(self) -> bool:
+        """Whether a signal has come."""
+        return self.number != 0
+
+    def until_asked(self, source: Iterator[T]) -> Iterator[T]:
+        """The items of a source, until it ends or one of the signals comes."""
+        while True:
+            try:
+                item = self.waiting_for(lambda: next(source))
+            except StopIteration:
+                return
+            except KeyboardInterrupt:
+                self.number = self.number or signal.SIGINT
+                return
+            yield item
+
+    def waiting_for(self, wait: Callable[[], T]) -> T:
+        """Return the result of ``wait``, which the signals interrupt.
+
+        Raises:
+            KeyboardInterrupt: then.
+        """
+        self._waiting = True
+        try:
+            if self.asked:  # looked at after that, lest one between the two be waited over
+                raise KeyboardInterrupt
+            return wait()
+        finally:
+            self._waiting = False
+
+    def ask(self, number: int, frame: FrameType | None) -> None:
+        """Signal handler: request the end of the stream."""
+        is_repeated, self.number = self.asked, number
+        if not is_repeated:
+            self.on_asked()
+        if self._waiting or is_repeated:
+            raise KeyboardInterrupt

@@ -245,7 +245,6 @@ class LiveRerunSink:
         self,
         setup: Scene,
         rate: float = 60.0,
-        *,
         save: Path | None = None,
         connect: str | None = None,
         overwrite: bool = False,

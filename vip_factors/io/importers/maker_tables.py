@@ -25,9 +25,8 @@ from vip_factors.io.importers.text_table import (
     COMPONENTS,
     SEPARATORS,
     TextTable,
-    checked_lines,
     peek,
-    read_text,
+    read_lines,
     read_text_table,
     split,
     table_of_rows,
@@ -39,7 +38,6 @@ _ENDINGS = {
     "angular_rate": r"gyro?s?(scope)?|angular_?velocit(y|ies)",
     "quaternion": r"orientations?|quaternions?",
 }
-_TIMES = ("time", "Time")
 
 
 def _matches_export(path: Path) -> bool:
@@ -65,23 +63,15 @@ def _read_export(path: Path) -> ImportedLog:
 
 
 def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
-    sensors: dict[str, dict[str, Columns]] = {}
+    time = next((name for name in next(iter(tables.values())).names if name in ("time", "Time")), "time")
+    sensors: dict[str, SensorColumns] = {}
     for quantity, table in tables.items():
-        for name in dict.fromkeys(_sensor(column, quantity) for column in table.names):
-            if name:
-                columns = tuple(f"{name}_{letter}" for letter in COMPONENTS[QUANTITIES[quantity]])
-                sensors.setdefault(name, {})[quantity] = Columns(columns, table.path.name)
-    time = next((name for name in next(iter(tables.values())).names if name in _TIMES), "time")
-    entries = {}
-    for name, quantities in sensors.items():
-        entries[name] = SensorColumns(time=time, **quantities)  # type: ignore[arg-type]
-    return ColumnMap(str(path), sensors=entries)
-
-
-def _sensor(column: str, quantity: str) -> str:
-    """The sensor of a component's column; blank for other columns."""
-    match = re.fullmatch(rf"(.+)_[{COMPONENTS[QUANTITIES[quantity]]}]", column)
-    return match[1] if match else ""
+        letters = COMPONENTS[QUANTITIES[quantity]]
+        matches = (re.fullmatch(rf"(.+)_[{letters}]", column) for column in table.names)
+        for name in dict.fromkeys(match[1] for match in matches if match):
+            columns = Columns(tuple(f"{name}_{letter}" for letter in letters), table.path.name)
+            sensors[name] = structs.replace(sensors.get(name, SensorColumns(time=time)), **{quantity: columns})
+    return ColumnMap(str(path), sensors=sensors)
 
 
 def _exports(path: Path) -> dict[str, dict[str, Path]]:
@@ -152,22 +142,19 @@ EPOCH_MICROSECONDS = 1e12  # a time above this is microseconds since 1970 (1e12 
 
 
 def _apdm_files(path: Path) -> list[Path]:
-    return [file for file in candidates(path, (".csv",)) if _is_apdm(file)]
-
-
-def _is_apdm(path: Path) -> bool:
-    lines = peek(path).splitlines()[:4]
-    if not lines:
-        return False
-    return (lines[0].startswith("Format=") and len(lines) > 1 and "Accelerometer" in lines[1]) or any(
-        line.startswith("Time,") and "/Acceleration/X" in line for line in lines
-    )
+    files = []
+    for file in candidates(path, (".csv",)):
+        lines = peek(file).splitlines()[:4]
+        is_format7 = len(lines) > 1 and lines[0].startswith("Format=") and "Accelerometer" in lines[1]
+        if is_format7 or any(line.startswith("Time,") and "/Acceleration/X" in line for line in lines):
+            files.append(file)
+    return files
 
 
 def _read_apdm(path: Path) -> ImportedLog:
     """Read a file with all sensors; a folder must hold one such file."""
     path, comma = only_file(path, _apdm_files(path), "one APDM csv file with all sensors"), SEPARATORS["comma"]
-    numbered = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
+    numbered = [(i + 1, line) for i, line in enumerate(read_lines(path)[0]) if line.strip(", ")]
     head = [[cell.strip() for cell in split(line, comma)] for _, line in numbered[:PEEKED_LINES]]
     names, first_row, units = (_format7 if head[0][0].startswith("Format=") else _slash_names)(head, path)
     if len(numbered) <= first_row:
@@ -191,8 +178,7 @@ def _read_apdm(path: Path) -> ImportedLog:
     return replace(log, format=APDM.name, start_ns=int(start) * 1000 if since_1970 else 0, clock_s=None)
 
 
-Header = tuple[list[str], int, dict[str, str]]
-"""Names of all columns, the first row below them, and units by name."""
+Header = tuple[list[str], int, dict[str, str]]  # names of all columns, the first row below them, units by name
 
 
 def _column_name(number: int, sensor: str, quantity: str, axis: str) -> str:

@@ -8,6 +8,7 @@ Older files (MVN Studio 4) follow the ISB instead and turn the arms' axes; the c
 then says how. The file does not name its convention: the one is taken under which joints of two segments meet best.
 """
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -24,6 +25,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, transpose
 from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog, rotations_or_nan, site_of_name
+from vip_factors.io.importers.text_table import peek
 from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
@@ -323,11 +325,7 @@ def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skelet
 
 def matches(path: Path) -> bool:
     """Whether the first kilobytes hold the root element of MVNX."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        head = file.read(8192)
-    return b"<mvnx " in head or b"<mvnx>" in head
+    return re.search("<mvnx[ >]", peek(path)) is not None
 
 
 def read(path: Path) -> ImportedLog:

@@ -166,22 +166,17 @@ def likely_sites(names: list[str]) -> dict[str, str]:
     sites_of_bare = default_sites(bare)
     if len(sites_of_bare) > len(sites):
         sites = {name: sites_of_bare[key] for name, key in zip(names, bare, strict=True) if key in sites_of_bare}
-    for name in names:
+    for name, parts in zip(names, words, strict=True):
         letters = re.sub(r"^[a-z]+(?=[A-Z])", "", name).upper()
         site = _MIDLINE.get(letters)
         if site is None and letters[:1] in ("L", "R") and letters[1:] in _LIMBS:
             site = f"{_SIDES[letters[0].lower()]}_{_LIMBS[letters[1:]]}"
-        site = site or _site_within(name)
+        if site is None:  # the longest run of words within a longer name: walk1_left_foot_B7
+            runs = ("_".join(parts[i : i + n]) for n in range(len(parts), 0, -1) for i in range(len(parts) - n + 1))
+            site = next(filter(None, map(site_of_name, runs)), None)
         if site is not None and name not in sites and site not in sites.values():
             sites[name] = site
     return sites
-
-
-def _site_within(name: str) -> str | None:
-    """The site that the longest run of words of a longer name gives: ``walk1_left_foot_B7``."""
-    words = re.split(r"[^A-Za-z0-9]+", name)
-    runs = ("_".join(words[i : i + n]) for n in range(len(words), 0, -1) for i in range(len(words) - n + 1))
-    return next((site for run in runs if (site := site_of_name(run))), None)
 
 
 GRAVITY = 9.80665  # m/s², standard; what vendors subtract
@@ -207,17 +202,18 @@ def tilt_of_up(R_inertial_sensor: Array, specific_force: Array) -> float:
     return float(np.rad2deg(np.arccos(np.clip(force[2] / length, -1, 1)))) if length > 0 else float("nan")
 
 
-def z_up(name: str, R_inertial_sensor: Array, specific_force: Array) -> tuple[Array, list[str]]:
-    """The orientations in a frame whose z is up, turned over if specific force says that z was down; and notes."""
+def z_up(name: str, R_inertial_sensor: Array, specific_force: Array, notes: list[str]) -> Array:
+    """The orientations in a frame whose z is up, turned over if specific force says that z was down."""
     tilt = tilt_of_up(R_inertial_sensor, specific_force)
     if tilt > 180 - TILT_LIMIT_DEG:
-        return R_UP_DOWN @ R_inertial_sensor, [f"{name}: its inertial frame had z down; turned by 180° about x"]
+        notes.append(f"{name}: its inertial frame had z down; turned by 180° about x")
+        return R_UP_DOWN @ R_inertial_sensor
     if tilt > TILT_LIMIT_DEG:
-        return R_inertial_sensor, [
+        notes.append(
             f"{name}: averaged specific force stands {tilt:.0f}° off the z axis of the orientation's frame: expected "
             "gravity along z; check that acceleration and orientation belong to the same sensor axes"
-        ]
-    return R_inertial_sensor, []
+        )
+    return R_inertial_sensor
 
 
 @dataclass(frozen=True)

@@ -210,8 +210,7 @@ def _stream(
         calm = np.where(force_spikes(force)[:, None], np.nan, force)
         _check_force(where, entry, time, calm, rate, R, notes)
         if R is not None and entry.world_up == UP_OR_DOWN:
-            R, turned = z_up(name, R, force)
-            notes += turned
+            R = z_up(name, R, force, notes)
         elif R is not None and quaternion is not None:
             _check_tilt(where, entry, quaternion, R, calm, notes)
     stream = ImuStream.from_samples(name, time, force, R, rate)

@@ -169,14 +169,10 @@ def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
         FileFormatError: if it cannot be read, is no text, holds no rows of numbers, or a row has too few cells.
         InputError: for a header line that the file does not have.
     """
-    dialect = dialect or Dialect()
-    text = read_text(path)
-    lines = checked_lines(path, text)
-    if text.startswith("PathFileType") or path.suffix.lower() in (".sto", ".mot"):
+    lines, is_complete = read_lines(path)
+    if (lines[:1] and lines[0].startswith("PathFileType")) or path.suffix.lower() in (".sto", ".mot"):
         return _read_opensim(path, lines)
-    comments = (dialect.comment,) if dialect.comment else COMMENTS
-    numbered = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
-    return _read_plain(path, numbered, lines, dialect, text.endswith(("\n", "\r")))
+    return _read_plain(path, lines, dialect or Dialect(), is_complete)
 
 
 def peek(path: Path) -> str:
@@ -190,11 +186,12 @@ def peek(path: Path) -> str:
     return "" if "\0" in text else text
 
 
-def read_text(path: Path) -> str:
-    """Read a file as text, UTF-8 or UTF-16; other bytes are replaced.
+def read_lines(path: Path) -> tuple[list[str], bool]:
+    """Read the lines of a text, UTF-8 or UTF-16, other bytes replaced, and whether the last one ends.
 
     Raises:
-        FileFormatError: if it cannot be read or is no text.
+        FileFormatError: if it cannot be read, is no text, or a line is longer than a table's ever is; the cells of a
+            few such lines fill the memory.
     """
     try:
         content = path.read_bytes()
@@ -203,7 +200,13 @@ def read_text(path: Path) -> str:
     text = _decoded(content)
     if "\0" in text[:4096]:
         raise NoTableError(f"{path}: is not text: expected a table of numbers")
-    return text
+    lines = text.splitlines()
+    for line, row in enumerate(lines, start=1):
+        if len(row) > LONGEST_LINE:
+            raise FileFormatError(
+                f"{path}, line {line} has {len(row)} characters: expected at most {LONGEST_LINE} in a table of sensors"
+            )
+    return lines, text.endswith(("\n", "\r"))
 
 
 def _decoded(content: bytes) -> str:
@@ -214,25 +217,10 @@ def _decoded(content: bytes) -> str:
     return content.decode(encoding, errors="replace")
 
 
-def checked_lines(path: Path, text: str) -> list[str]:
-    """Split a text into lines.
-
-    Raises:
-        FileFormatError: if a line is longer than a table's ever is; the cells of a few such lines fill the memory.
-    """
-    lines = text.splitlines()
-    for line, row in enumerate(lines, start=1):
-        if len(row) > LONGEST_LINE:
-            raise FileFormatError(
-                f"{path}, line {line} has {len(row)} characters: expected at most {LONGEST_LINE} in a table of sensors"
-            )
-    return lines
-
-
-def _read_plain(
-    path: Path, numbered: list[tuple[int, str]], lines: list[str], dialect: Dialect, complete: bool
-) -> TextTable:
+def _read_plain(path: Path, lines: list[str], dialect: Dialect, is_complete: bool) -> TextTable:
     """A table whose header stands right above its first row of numbers, or where the dialect declares it."""
+    comments = (dialect.comment,) if dialect.comment else COMMENTS
+    numbered = [(i + 1, line) for i, line in enumerate(lines) if line.strip() and not line.startswith(comments)]
     if dialect.header is not None:
         wrong = next((line for line in dialect.header if not 1 <= line <= len(lines)), None)
         if wrong is not None:
@@ -251,7 +239,10 @@ def _read_plain(
         header = [split(lines[line - 1], separator) for line in dialect.header]
     else:
         header = _header_above(numbered[: start + 1], separator, width)
-        header = header or _header_in_comment(lines[: numbered[start][0] - 1], separator, width)
+        above = next((line for line in reversed(lines[: numbered[start][0] - 1]) if line.strip()), "")
+        names = split(above.lstrip("#/% "), separator)
+        if not header and above.startswith(COMMENTS) and len(names) == width:
+            header = [names]
     preamble = lines[: numbered[start][0] - 1 if dialect.header is None else min(dialect.header) - 1]
     units = _units(header)
     header = header[:-1] if units else header
@@ -262,7 +253,7 @@ def _read_plain(
             "the file there, or delete the line"
         )
     numbered = numbered[start:]
-    if dialect.same_digits and not complete and len(numbered) > 1:
+    if dialect.same_digits and not is_complete and len(numbered) > 1:
         digits = [len(split(row, separator)[-1].strip().partition(".")[2]) for _, row in numbered[-2:]]
         numbered = [*numbered[:-1], (numbered[-1][0], "")] if digits[1] < digits[0] else numbered
     return replace(table_of_rows(path, _joined(header, width), numbered, separator, preamble), units=units)
@@ -307,13 +298,6 @@ def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -
     return header
 
 
-def _header_in_comment(lines: list[str], separator: str, width: int) -> list[list[str]]:
-    """The names in the last comment line above the first row, if it has as many cells."""
-    comment = next((line for line in reversed(lines) if line.strip()), "")
-    cells = split(comment.lstrip("#/% "), separator)
-    return [cells] if comment.startswith(COMMENTS) and len(cells) == width else []
-
-
 _UNIT = (
     r"[munkcµμ]?(s|secs?|seconds?|m|meters?|g|rad|radians?|deg|degs|degrees?|hz|t|tesla|gauss|v|volts?|pa|bar)|h|min|dps"
     r"|rps|°|°?[cf]|%|au|a\.?u\.?|counts?|ticks?|lsb|flux|local|cal|raw|none|no ?units?|unitless|[ymdhs/:. 0]{8,}"
@@ -324,9 +308,8 @@ def _units(header: list[list[str]]) -> tuple[str, ...]:
     """The cells of the last line of a header, if it holds units below names."""
     atoms = rf"(?:{_UNIT})(?:\^?-?[12²])?"
     unit = re.compile(rf"\W{{0,2}}(?:{atoms}(?:[/*· ]*\(?{atoms}\)?)*)?\W{{0,2}}", re.IGNORECASE)
-    is_row = len(header) > 1 and any(cell.strip() for cell in header[-1])
-    cells = tuple(cell.strip() for cell in header[-1]) if is_row else ()
-    return cells if all(unit.fullmatch(cell) for cell in cells) else ()
+    cells = tuple(cell.strip() for cell in header[-1]) if len(header) > 1 else ()
+    return cells if any(cells) and all(unit.fullmatch(cell) for cell in cells) else ()
 
 
 def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:
@@ -353,7 +336,7 @@ def table_of_rows(
         FileFormatError: for any other line that is too short.
     """
     lines, rows = [line for line, _ in numbered], [row for _, row in numbered]
-    widths = [_width(row, separator) for row in rows]
+    widths = [len(split(row, separator)) if not separator or '"' in row else row.count(separator) + 1 for row in rows]
     notes = []
     if len(rows) > 1 and widths[-1] < len(names):
         notes.append(f"{path.name}: the last line {lines[-1]} breaks off and was dropped")
@@ -365,10 +348,6 @@ def table_of_rows(
             "delete the line"
         )
     return TextTable(path, names, rows, lines, separator, tuple(notes), tuple(preamble))
-
-
-def _width(row: str, separator: str) -> int:
-    return len(split(row, separator)) if not separator or '"' in row else row.count(separator) + 1
 
 
 def _read_opensim(path: Path, lines: list[str]) -> TextTable:

@@ -22,6 +22,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, angle_between, exp, log, rotation_x, transpose
 from vip_factors.io.importers.shared import ImportedLog, default_sites, rotations_or_nan, z_up
+from vip_factors.io.importers.text_table import peek
 from vip_factors.io.motions.skeleton_maps import MOTIONBUILDER, both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
@@ -100,8 +101,7 @@ def read(path: Path) -> ImportedLog:
         is_lost = ~np.any(values[:, :4], axis=1)  # exports write zeros
         quaternions = np.where(is_lost[:, None], np.nan, values[:, :4])
         R_inertial_sensor[name] = rotations_or_nan(quaternions, Order.WXYZ, f"{file}, sensor {name}", notes)
-        R, tilt_notes = z_up(name, R_inertial_sensor[name], values[:, 4:7])
-        notes += tilt_notes
+        R = z_up(name, R_inertial_sensor[name], values[:, 4:7], notes)
         rate = values[:, 7:10] if values.shape[1] > 7 else None
         imus[name] = ImuStream.from_samples(name, (table.numbers - 1) / RATE, values[:, 4:7], R, rate)
     sites, body = default_sites(list(imus)), _optical_body(file, notes)
@@ -231,10 +231,7 @@ def _skeleton(R_world_bone: Array, p_world_joint: Array) -> Skeleton:
 
 
 def _is_sensors_file(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return _HEAD.match(file.read(2048).decode("ascii", "replace")) is not None
+    return _HEAD.match(peek(path)) is not None
 
 
 def _sensors_file(path: Path) -> Path:

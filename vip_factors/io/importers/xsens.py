@@ -98,9 +98,8 @@ def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
 
 def _read_mtw(path: Path, rate_hz: float | None = None) -> ImportedLog:
     """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``)."""
-    return _import_tables(
-        path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, lambda stem: stem.rpartition("_")[::2]), 1.0, rate_hz
-    )
+    files = sensor_files(path, SUFFIXES, _is_mtw, lambda stem: stem.rpartition("_")[::2])
+    return _import_tables(path, MTW.name, files, 1.0, rate_hz)
 
 
 def _read_dot(path: Path, rate_hz: float | None = None) -> ImportedLog:
@@ -136,7 +135,11 @@ def _import_tables(
     path: Path, name: str, files: dict[str, Path], rate_unit: float, rate_hz: float | None
 ) -> ImportedLog:
     """Read one file per sensor and put all on one clock; ``rate_unit`` is the unit of angular rate in rad/s."""
-    tables = {sensor: _read_table(file) for sensor, file in files.items()}
+    tables = dict[str, TextTable]()
+    for sensor, file in files.items():
+        number, header, _ = _header(file)
+        separator = next((character for character in "\t;," if character in header), " ")
+        tables[sensor] = read_text_table(file, Dialect(separator, header=(number,), same_digits=True))
     notes = [note for table in tables.values() for note in table.notes]
     packets = {sensor: _packets(table, notes) for sensor, table in tables.items()}
     times = _times(path, tables, packets, rate_hz, notes)
@@ -148,14 +151,6 @@ def _import_tables(
         if lost := len(rows) - len(imus[sensor]):
             notes.append(f"{table.path.name}: {lost} samples with missing values dropped")
     return ImportedLog(name, imus, default_sites(list(imus)), notes=merge_notes(notes))
-
-
-def _read_table(path: Path) -> TextTable:
-    number, header, _ = _header(path)
-    if not number:
-        raise FileFormatError(f"{path}: no header line: expected column names such as PacketCounter, Acc_X, Quat_q0")
-    separator = next((character for character in "\t;," if character in header), " ")
-    return read_text_table(path, Dialect(separator, header=(number,), same_digits=True))
 
 
 def _packets(table: TextTable, notes: list[str]) -> Packets:
@@ -251,8 +246,7 @@ def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Arr
         else:
             acceleration = np.einsum("nji,nj->ni", R, free + GRAVITY * UP)
     elif acceleration is not None and R is not None:
-        R, tilt_notes = z_up(name, R, acceleration)
-        notes += tilt_notes
+        R = z_up(name, R, acceleration, notes)
     if R is None and acceleration is None:
         raise FileFormatError(
             f"{table.path}: neither orientation (Quat_*, Mat[*][*], Roll/Pitch/Yaw) nor acceleration (Acc_*) among its "

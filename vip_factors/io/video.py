@@ -32,20 +32,14 @@ class VideoFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """Facts about a video file.
+    """Facts about a video file."""
 
-    Attributes:
-        path: of the file.
-        width, height: of its frames as shown (turned if the file demands it).
-        rate: frames per second, the median where it varies.
-        time: ``(F,)`` seconds of each frame after the first, from the file: phones vary their rate.
-    """
-
-    path: Path
+    path: Path  # of the file
+    # width, height: of its frames as shown (turned if the file demands it)
     width: int
     height: int
-    rate: float
-    time: Array
+    rate: float  # frames per second, the median where it varies
+    time: Array  # (F,) seconds of each frame after the first, from the file: phones vary their rate
 
     def __len__(self) -> int:
         return len(self.time)

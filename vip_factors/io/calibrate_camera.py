@@ -63,7 +63,12 @@ class Checkerboard:
         if not self.looks_alike_turned and self._begins_white(grey, points, pixels):
             pixels = pixels[::-1]
         outer = [0, self.columns - 1, len(points) - 1, len(points) - self.columns]
-        return BoardView(name, points, pixels, pixels[outer], _sharpness(grey, pixels))
+        x, y = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
+        x_end, y_end = np.ceil(pixels.max(axis=0)).astype(int) + 1
+        image = grey[y:y_end, x:x_end]
+        # Energy of the second derivative over that of the image.
+        sharpness = float(cv2.Laplacian(image, cv2.CV_64F).var() / max(float(image.var()), 1.0))
+        return BoardView(name, points, pixels, pixels[outer], sharpness)
 
     @property
     def looks_alike_turned(self) -> bool:
@@ -86,16 +91,6 @@ def _grid(columns: int, rows: int, square_m: float) -> Array:
     return square_m * np.stack([x.ravel(), y.ravel(), np.zeros(columns * rows)], axis=1)
 
 
-def _sharpness(grey: np.ndarray, pixels: Array) -> float:
-    """Energy of the second derivative over that of the image, where the board is."""
-    import cv2
-
-    x, y = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
-    x_end, y_end = np.ceil(pixels.max(axis=0)).astype(int) + 1
-    board = grey[y:y_end, x:x_end]
-    return float(cv2.Laplacian(board, cv2.CV_64F).var() / max(float(board.var()), 1.0))
-
-
 @dataclass(frozen=True)
 class CameraCalibration:
     """Intrinsics with their uncertainty."""
@@ -106,7 +101,7 @@ class CameraCalibration:
     rms_px: float  # root mean square reprojection error of all corners used
     views: tuple[tuple[str, float], ...]  # names of the used views, with their errors in pixels
     left_out: tuple[tuple[str, float], ...]  # names of views that do not fit, with their errors
-    coverage: float  # share of the image that corners reach
+    coverage: float  # share of the cells of an 8 by 8 grid over the image that hold a corner
     warnings: tuple[str, ...]  # sentences about poorly determined quantities
 
 
@@ -177,7 +172,9 @@ def calibrate(
     rms, K, coefficients, turns, sigma, errors = fit
     focal, centre = (float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
     model = CameraModel(*size, focal, centre, tuple(coefficients[:distortion].tolist()))
-    coverage = _coverage(chosen, size)
+    pixels = np.concatenate([view.pixels for view in chosen])
+    cells, _, _ = np.histogram2d(pixels[:, 0], pixels[:, 1], bins=8, range=[[0, size[0]], [0, size[1]]])
+    coverage = float(np.mean(cells > 0))
     named = tuple((view.name, float(error)) for view, error in zip(chosen, errors, strict=True))
     warnings = _warnings(focal, sigma, turns, coverage, len(chosen))
     return CameraCalibration(
@@ -216,9 +213,8 @@ def floor_pose(view: BoardView, model: CameraModel) -> tuple[Array, Array, float
     import cv2
 
     flat = model.normalise(view.pixels)
-    _, turns, shifts, _ = cv2.solvePnPGeneric(
-        view.points_board, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
-    )  # sorted by error; IPPE (Collins & Bartoli 2014) sees both answers that a plane has
+    # Sorted by error; IPPE (Collins & Bartoli 2014) sees both answers that a plane has.
+    _, turns, shifts, _ = cv2.solvePnPGeneric(view.points_board, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
     turn, shift = cv2.solvePnPRefineLM(view.points_board, flat, np.eye(3), None, turns[0], shifts[0])
     R_camera_board, p_camera_board = exp(turn.ravel()), shift.ravel()
     error = model.project(view.points_board @ R_camera_board.T + p_camera_board) - view.pixels
@@ -247,13 +243,6 @@ def _fit(
     rms, *fit = cv2.calibrateCameraExtended(points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags)
     K, coefficients, turns, _, sigma, _, errors = (np.array(result, dtype=float) for result in fit)
     return float(rms), K, coefficients.ravel(), turns.reshape(-1, 3), sigma.ravel(), errors.ravel()
-
-
-def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
-    """Share of the cells of an 8 by 8 grid over the image that hold a corner."""
-    pixels = np.concatenate([view.pixels for view in views])
-    cells, _, _ = np.histogram2d(pixels[:, 0], pixels[:, 1], bins=8, range=[[0, size[0]], [0, size[1]]])
-    return float(np.mean(cells > 0))
 
 
 def _warnings(focal: tuple[float, float], sigma: Array, turns: Array, coverage: float, count: int) -> tuple[str, ...]:

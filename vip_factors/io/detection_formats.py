@@ -125,7 +125,14 @@ def read_people(path: Path) -> DetectedPeople:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder of 2D poses")
     if path.is_dir():
-        return _folder(path)
+        files = sorted(file for file in path.glob("*.json") if not file.name.startswith("."))
+        if len(files) == 1 and not _is_openpose(_content(files[0])):
+            return replace(read_people(files[0]), path=path)
+        stray = list[str]()
+        people = _frames_of_files(path, _contents_of_frames(files, stray))
+        if stray:
+            warn(path, f"left out, without 2D poses: {count(len(stray), 'file')} ({', '.join(stray[:4])})")
+        return people
     if path.suffix.lower() == ".json":
         content = _content(path)
         entry = content[0] if isinstance(content, list) and content else None
@@ -156,18 +163,6 @@ def _is_openpose(content: object) -> bool:
     return _has(content, "people") or _has(content, "bodies")
 
 
-def _folder(path: Path) -> DetectedPeople:
-    """The people of a folder with a file for each frame, or a single file for all of them."""
-    files = sorted(file for file in path.glob("*.json") if not file.name.startswith("."))
-    if len(files) == 1 and not _is_openpose(_content(files[0])):
-        return replace(read_people(files[0]), path=path)
-    stray = list[str]()
-    people = _frames_of_files(path, _contents_of_frames(files, stray))
-    if stray:
-        warn(path, f"left out, without 2D poses: {count(len(stray), 'file')} ({', '.join(stray[:4])})")
-    return people
-
-
 def _contents_of_frames(files: Iterable[Path], stray: list[str]) -> Iterator[tuple[Path, str, object]]:
     """Each file of a frame, its name and its content; names of other files become ``stray``."""
     for file in files:
@@ -196,7 +191,13 @@ def _frames_of_files(path: Path, frames: Iterable[tuple[Path, str, object]]) -> 
                 "each camera a folder of its own"
             )
         name_of[number] = name
-        for index, keypoints in enumerate(_keypoints_of_frame(file, content)):
+        if isinstance(content, list):
+            persons = [instance.flat(str(file)) for instance in convert(file, "", content, list[_Instance])]
+        else:
+            frame = convert(file, "", content, _OpenPoseFile)
+            everybody = (*frame.people, *frame.bodies)
+            persons = [person.pose_keypoints_2d or person.pose_keypoints or person.joints for person in everybody]
+        for index, keypoints in enumerate(persons):
             if keypoints:  # empty where only a face or a hand was detected, and where tools that sort leave a place
                 people.add(number, keypoints, f"{file}, person {index}")
     if not name_of:
@@ -204,16 +205,6 @@ def _frames_of_files(path: Path, frames: Iterable[tuple[Path, str, object]]) -> 
     people.listed = set(name_of)
     people.first_number = int(min(people.listed) == 1)
     return people
-
-
-def _keypoints_of_frame(file: Path, content: object) -> Iterator[Numbers]:
-    if isinstance(content, list):
-        for instance in convert(file, "", content, list[_Instance]):
-            yield instance.flat(str(file))
-        return
-    frame = convert(file, "", content, _OpenPoseFile)
-    for person in (*frame.people, *frame.bodies):
-        yield person.pose_keypoints_2d or person.pose_keypoints or person.joints
 
 
 def _results(path: Path, results: Sequence[_Result]) -> DetectedPeople:

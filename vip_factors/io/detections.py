@@ -71,7 +71,12 @@ def read_detections(
     rows = rows[:, : len(chosen)] if len(rows) else np.zeros((0, len(chosen), 3))
     frame = np.array(people.numbers, dtype=int) - first_number
     order = np.argsort(frame, kind="stable")
-    pixels, confidence = _cleaned(rows[order])
+    pixels, confidence = rows[order, :, :2], rows[order, :, 2]
+    with np.errstate(invalid="ignore"):
+        lost = ~np.all(np.isfinite(rows[order]), axis=-1) | (confidence <= 0) | np.all(pixels == 0, axis=-1)
+    pixels[lost], confidence[lost] = np.nan, 0.0
+    highest = float(np.quantile(confidence[~lost], SPREAD)) if not np.all(lost) else 0.0
+    confidence = np.minimum(confidence / max(1.0, highest), 1.0)
     someone = np.any(confidence > 0, axis=1)
     if np.any(someone) and np.nanmax(np.abs(pixels)) <= FRACTION:
         raise FileFormatError(
@@ -122,16 +127,6 @@ def _rows(people: DetectedPeople) -> Array:
     return np.array(people.rows).reshape(len(sizes), -1, 3)
 
 
-def _cleaned(rows: Array) -> tuple[Array, Array]:
-    """Pixels and confidences, NaN and 0 where a keypoint was not found."""
-    pixels, confidence = rows[..., :2].copy(), rows[..., 2].copy()
-    with np.errstate(invalid="ignore"):
-        lost = ~np.all(np.isfinite(rows), axis=-1) | (confidence <= 0) | np.all(pixels == 0, axis=-1)
-    pixels[lost], confidence[lost] = np.nan, 0.0
-    highest = float(np.quantile(confidence[~lost], SPREAD)) if not np.all(lost) else 0.0
-    return pixels, np.minimum(confidence / max(1.0, highest), 1.0)
-
-
 def _which_keypoints(people: DetectedPeople, rows: Array, requested: str | None) -> KeypointSet:
     """The keypoint set of people ``(N, J, 3)``: the requested one, or by number and distances of the keypoints."""
     path, count = people.path, rows.shape[1]
@@ -140,10 +135,8 @@ def _which_keypoints(people: DetectedPeople, rows: Array, requested: str | None)
     name = requested or whole_body or next(iter(of_count), None)
     if name is None or (len(keypoint_set(name)) != count and name != whole_body):
         sets = ", ".join(f"{name} ({len(keypoints)})" for name, keypoints in KEYPOINT_SETS.items())
-        reason = ": no known set has as many"
-        if requested is not None:
-            reason = f", but {requested} has {len(keypoint_set(requested))}"
-        raise FileFormatError(f"{path}: people have {count} keypoints{reason}: known are {sets}")
+        has = f", but {requested} has {len(keypoint_set(requested))}" if requested else ": no known set has as many"
+        raise FileFormatError(f"{path}: people have {count} keypoints{has}: known are {sets}")
     chosen = keypoint_set(name)
     if requested is None and whole_body is not None:
         warn(path, f"of {count} whole-body keypoints, the first {len(chosen)} are read, as {name}")
@@ -159,14 +152,14 @@ def _which_keypoints(people: DetectedPeople, rows: Array, requested: str | None)
             alternatives = ", ".join(alternative for alternative in of_count if alternative != name)
             warn(path, f"{count} keypoints are taken as {name}; if they are {alternatives}, say so (keypoints)")
         return chosen
-    if requested is not None:
+    if requested is None:
         warn(
-            path,
-            f"read as {name}, as asked, but people look like {nearest_name}: eyes and heels are in the wrong places",
+            path, f"{count} keypoints are taken as {nearest_name}, not {name}: so eyes are at noses and heels at ankles"
         )
-        return chosen
-    warn(path, f"{count} keypoints are taken as {nearest_name}, not {name}: so eyes are at noses and heels at ankles")
-    return keypoint_set(nearest_name)
+        return keypoint_set(nearest_name)
+    sentence = f"read as {name}, as asked, but people look like {nearest_name}: eyes and heels are in the wrong places"
+    warn(path, sentence)
+    return chosen
 
 
 def _check_names(path: Path, chosen: KeypointSet, names: tuple[str, ...]) -> None:

@@ -76,9 +76,10 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         missing = re.fullmatch(r"Object missing required field `(.*)`", message)
         if unknown is not None:
             keys = kind.__struct_fields__ if issubclass(kind, msgspec.Struct) and place == where else ()
-            raise InputError(f"{path}: unknown key '{_key(place, unknown[1])}'{nearest(unknown[1], keys)}") from error
+            key = f"{place}.{unknown[1]}".lstrip(".")
+            raise InputError(f"{path}: unknown key '{key}'{nearest(unknown[1], keys)}") from error
         if missing is not None:
-            raise InputError(f"{path}: {_key(place, missing[1])} is missing") from error
+            raise InputError(f"{path}: {f'{place}.{missing[1]}'.lstrip('.')} is missing") from error
         message = re.sub(r"`([A-Za-z |]*)`", _plain, message)
         if message.startswith("Invalid enum value") and (choices := _choices(kind)):
             message += f": expected one of {', '.join(choices)}"
@@ -133,10 +134,6 @@ def _converts(value: object, kind: object) -> bool:
 def _plain(kinds: re.Match[str]) -> str:
     """The types that msgspec names, in plain words."""
     return " or ".join(PLAIN_WORDS.get(word, word) for word in kinds[1].split(" | ") if word != "null")
-
-
-def _key(where: str, name: str) -> str:
-    return f"{where}.{name}".lstrip(".")
 
 
 def read_text(path: Path, what: str, strict: bool = False, most_bytes: int = MOST_BYTES) -> str:

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import (
     calibration_error,
-    heading_nees,
-    mounting_nees,
     nees,
+    sensor_consistency,
 )
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import SensorCalibration
@@ -68,7 +67,8 @@ def test_calibration_nees_uses_the_reported_sigmas() -> None:
     estimate = calibrated(headings, np.full((4, 3), 0.0), sigma=0.1)
     truth = calibrated(np.zeros(4), np.full((4, 3), 0.1 / np.sqrt(3)))
     error = calibration_error(estimate, truth)
-    assert heading_nees(error, estimate) == pytest.approx([4.0, 4.0, 1.0, 1.0], rel=1e-6)
-    assert mounting_nees(error, estimate) == pytest.approx([1 / 3] * 4)
+    honesty = sensor_consistency({0: (error, estimate)}, None)
+    assert honesty["nees_heading"].value == pytest.approx(2.5, rel=1e-6)
+    assert honesty["nees_mounting"].value == pytest.approx(1 / 3)
     unknown = {name: SensorCalibration(one.heading, one.R_bone_sensor) for name, one in estimate.items()}
-    assert np.all(np.isnan(mounting_nees(calibration_error(unknown, truth), unknown)))
+    assert sensor_consistency({0: (calibration_error(unknown, truth), unknown)}, None) == {}

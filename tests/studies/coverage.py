@@ -15,11 +15,12 @@ from tests.studies.real import converted
 from tests.studies.real_recordings import real_recordings
 from tests.studies.study import Tell, group, table
 from vip_factors.body.joint_angles import joint_angle_sigmas, joint_angles
+from vip_factors.body.lengths import LENGTHS, WIDTHS, lengths_of
 from vip_factors.body.model_errors import FILMED, UNFILMED, shape_factor
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import VipFactorsError
 from vip_factors.estimate import Estimate
-from vip_factors.evaluate.calibration import UNSURE, calibration_error, true_lengths
+from vip_factors.evaluate.calibration import LIMBS, UNSURE, calibration_error
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import Array
@@ -154,7 +155,10 @@ def told_beside(found: Estimate, scene: Scene) -> Iterator[Told]:
     mountings = [(error.mounting[one], own.calibration[one].mounting_sigma) for one in error.mounting]
     yield "mountings", *np.rad2deg(mountings).swapaxes(0, 1)
     if own.body is not None and own.body.names:
-        lengths = {one: metres for one, metres in true_lengths(true.skeleton).items() if one not in UNSURE}
+        measured = {*LIMBS, *WIDTHS} - {*UNSURE}
+        lengths = {
+            one: metres for one, metres in zip(LENGTHS, lengths_of(true.skeleton), strict=True) if one in measured
+        }
         places = [own.body.names.index(length) for length in lengths]
         yield "lengths, m", np.array(list(lengths.values())) - own.body.posterior[places], own.body.sigma[places]
 

@@ -8,7 +8,7 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.findings import bare
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.rerun_body import cut_skin, see_through
+from vip_factors.viz.rerun_body import cut_skin
 from vip_factors.viz.rerun_layout import MOST_SHOWN, live_summary, scene_summary
 
 
@@ -37,4 +37,3 @@ def test_pieces_of_the_skin_cover_the_body() -> None:
     assert sum(len(one) for one in skin.once) == len(whole)
     for pieces in (skin.once, skin.lapped):
         assert {tuple(face) for one in pieces for face in one} == whole
-    assert len(see_through("world/ann")) == 24

@@ -7,8 +7,8 @@ too modest, above it too sure of itself. Bar-Shalom, Li, Kirubarajan, "Estimatio
 Navigation", section 5.4.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -51,11 +51,6 @@ class CalibrationError:
 
 CalibrationPair = tuple[CalibrationError, Calibration]
 """Errors, and the estimate that they are of."""
-
-
-def share_sensors(estimate: Calibration, truth: Calibration) -> bool:
-    """Whether there is a sensor that both know; a converted log calls by number what a simulation calls by site."""
-    return any(name in truth for name in estimate)
 
 
 def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | None = None) -> CalibrationError:
@@ -101,18 +96,6 @@ def joint_nees(estimate: Motion, truth: Motion, covariance: PoseCovariance) -> A
     return nees(log(transpose(estimate.R_parent_child) @ truth.R_parent_child), covariance.joints)
 
 
-def heading_nees(error: CalibrationError, estimate: Calibration) -> Array:
-    """NEES of every sensor's heading, after the gauge."""
-    sigma = np.array([estimate[name].heading_sigma for name in error.heading])
-    return nees(np.array(list(error.heading.values()))[:, None], (sigma**2)[:, None, None])
-
-
-def mounting_nees(error: CalibrationError, estimate: Calibration) -> Array:
-    """NEES of every sensor's mounting, its three axes taken as independent."""
-    sigma = np.stack([np.broadcast_to(estimate[name].mounting_sigma, 3) for name in error.mounting])
-    return nees(np.stack(list(error.mounting.values())), (sigma**2)[..., None] * np.eye(3))
-
-
 def surest_heading(pairs: Mapping[int, CalibrationPair]) -> tuple[int, str] | None:
     """Whose sensor is surest of its heading: the one that carries the gauge prior, which is far tighter
     than any measurement. None if no sigma is known.
@@ -130,17 +113,17 @@ def sensor_consistency(pairs: Mapping[int, CalibrationPair], anchor: tuple[int, 
     """NEES of headings and mountings of some wearers together.
 
     Headings are judged against that of the anchor (:func:`surest_heading`), which defines the estimate's world and is
-    left out; as they are if it is None.
+    left out; as they are if it is None. The three axes of a mounting are taken as independent.
     """
     shift = 0.0 if anchor is None else pairs[anchor[0]][0].heading[anchor[1]]
     headings, mountings = [np.zeros(0)], [np.zeros(0)]
     for index, (error, calibration) in pairs.items():
-        heading = {
-            name: float(wrap_angle(value - shift)) for name, value in error.heading.items() if (index, name) != anchor
-        }
-        if heading:
-            headings.append(heading_nees(replace(error, heading=heading), calibration))
-        mountings.append(mounting_nees(error, calibration))
+        names = [name for name in error.heading if (index, name) != anchor]
+        heading = wrap_angle(np.array([error.heading[name] for name in names]) - shift)
+        heading_sigma = np.array([calibration[name].heading_sigma for name in names])
+        headings.append(nees(heading[:, None], (heading_sigma**2)[:, None, None]))
+        sigma = np.stack([np.broadcast_to(calibration[name].mounting_sigma, 3) for name in error.mounting])
+        mountings.append(nees(np.stack(list(error.mounting.values())), (sigma**2)[..., None] * np.eye(3)))
     table = consistency_metrics("heading", np.concatenate(headings))
     return table | consistency_metrics("mounting", np.concatenate(mountings))
 
@@ -159,17 +142,6 @@ def error_metrics(errors: list[CalibrationError]) -> dict[str, Metric]:
         table[name] = Metric(float(degrees.mean()), "deg")
         table[f"{name}_95th"] = Metric(float(np.quantile(degrees, 0.95)), "deg")
     return table
-
-
-def sensor_table(error: CalibrationError) -> dict[str, Mapping[str, float]]:
-    """Per sensor: the signed heading error and the mounting error, in degrees."""
-    return {
-        name: {
-            "heading_deg": float(np.rad2deg(error.heading[name])),
-            "mounting_deg": float(np.rad2deg(np.linalg.norm(error.mounting[name]))),
-        }
-        for name in error.heading
-    }
 
 
 def consistency_metrics(name: str, values: Array) -> dict[str, Metric]:
@@ -221,15 +193,6 @@ def camera_error(pair: PathPair, gauge: Alignment) -> Array:
     return np.concatenate([rotation, translation], axis=1)
 
 
-def camera_metrics(error: Array) -> dict[str, Metric]:
-    """Mean distance and mean geodesic angle of errors ``(T, 6)``."""
-    rotation, translation = (np.linalg.norm(part, axis=1).mean() for part in (error[:, :3], error[:, 3:]))
-    return {
-        "camera_translation": Metric(float(translation), "m"),
-        "camera_rotation": Metric(float(np.rad2deg(rotation)), "deg"),
-    }
-
-
 LIMBS = {name: end for name, end in LIMB_ENDS.items() if name != "foot"}
 UNSURE = ("hand",)  # reported, but not in the mean: skeletons end hands where they like
 _ENDS = {name: (f"left_{end}", f"right_{end}") for name, end in (LIMBS | WIDTHS).items()} | {"trunk": ("neck",)}
@@ -264,12 +227,6 @@ def length_table(skeleton: Skeleton, truth: Skeleton, compared: Compared = EVERY
     }
 
 
-def true_lengths(truth: Skeleton) -> dict[str, float]:
-    """Metres of the :data:`~vip_factors.body.lengths.LENGTHS` that are lengths in any skeleton: limbs and widths."""
-    lengths = dict(zip(LENGTHS, lengths_of(truth), strict=True))
-    return {name: float(lengths[name]) for name in (*LIMBS, *WIDTHS)}
-
-
 def body_metrics(
     lengths: Mapping[str, Mapping[str, float]],
     body: BodyEstimate | None,
@@ -280,13 +237,8 @@ def body_metrics(
     table = {"length_error": Metric(float(np.mean(off)), "mm")}
     if body is None:
         return table
-    return table | consistency_metrics("lengths", length_nees(body, truth, tuple(lengths)))
-
-
-def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = (*LIMBS, *WIDTHS)) -> Array:
-    """NEES of the estimated limbs and widths, of those ``lengths`` that the truth knows, one by one ``(n,)``."""
-    sure = [name for name in lengths if name not in UNSURE and name in body.names]
-    true = {name: length for name, length in true_lengths(truth).items() if name in sure}
-    places = [body.names.index(name) for name in true]
-    error = np.array(list(true.values())) - body.posterior[places]
-    return nees(error[:, None], body.sigma[places, None, None] ** 2)
+    true = dict(zip(LENGTHS, lengths_of(truth), strict=True))
+    names = [name for name in (*LIMBS, *WIDTHS) if name in lengths and name not in UNSURE and name in body.names]
+    places = [body.names.index(name) for name in names]
+    error = np.array([true[name] for name in names]) - body.posterior[places]
+    return table | consistency_metrics("lengths", nees(error[:, None], body.sigma[places, None, None] ** 2))

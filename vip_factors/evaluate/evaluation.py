@@ -1,7 +1,7 @@
 """All metrics of an estimate against the truth: of one wearer, and of a scene with its camera and several wearers."""
 
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -18,15 +18,12 @@ from vip_factors.evaluate.calibration import (
     body_metrics,
     calibration_error,
     camera_error,
-    camera_metrics,
     consistency_metrics,
     error_metrics,
     joint_nees,
     length_table,
     nees,
     sensor_consistency,
-    sensor_table,
-    share_sensors,
     surest_heading,
 )
 from vip_factors.evaluate.comparison import CameraComparison, Comparison, SceneComparison, compare_motion, compare_scene
@@ -74,7 +71,16 @@ class Evaluation(Summarised):
         return self.metrics[metric].value
 
     def __str__(self) -> str:
-        tables = self._wearer_table(), self._limb_table(), self._sensor_table(), self._camera_table()
+        names = ("mpjpe", "mpjae", "knee_flexion_rmse", "root_translation_error")
+        wearers = [
+            (name, *(_mean_text([wearer.metrics], metric) for metric in names)) for name, wearer in self.wearers.items()
+        ]
+        tables = (
+            Table(("wearer", "positions", "orientations", "knee flexion", "path of the pelvis"), wearers),
+            self._limb_table(),
+            _table("sensor", self.sensors, {"heading_deg": "heading, °", "mounting_deg": "mounting, °"}),
+            _table("camera", self.cameras, CAMERA_COLUMNS),
+        )
         return "\n".join([*self.summary()[1:], "", *(line for table in tables for line in markdown(table))]).rstrip()
 
     def summary(self) -> list[str]:
@@ -94,14 +100,6 @@ class Evaluation(Summarised):
             lines += [f"## {name}", "", wearer.to_table()]
         return "\n".join(lines).rstrip() + "\n"
 
-    def _wearer_table(self) -> Table:
-        """Some metrics of each wearer of a scene."""
-        names = ("mpjpe", "mpjae", "knee_flexion_rmse", "root_translation_error")
-        rows = [
-            (name, *(_mean_text([wearer.metrics], metric) for metric in names)) for name, wearer in self.wearers.items()
-        ]
-        return Table(("wearer", "positions", "orientations", "knee flexion", "path of the pelvis"), rows)
-
     def _limb_table(self) -> Table:
         """Errors of the main joints, left and right beside each other; of several wearers the mean."""
         wearers = list(self.wearers.values()) or [self]
@@ -119,28 +117,20 @@ class Evaluation(Summarised):
         rows = [row for row in (*middle, *limbs) if set(row[1:]) - {NOTHING, ""}]
         return Table(("joint", "left (or middle), mm", "°", "right, mm", "°"), rows)
 
-    def _sensor_table(self) -> Table:
-        """Errors of the sensors of one wearer."""
-        return _table("sensor", self.sensors, {"heading_deg": "heading, °", "mounting_deg": "mounting, °"})
-
-    def _camera_table(self) -> Table:
-        """Errors of each camera."""
-        columns = {
-            "camera_translation": "position, m",
-            "camera_rotation": "orientation, °",
-            "focal_length_error": "focal length, %",
-            "time_offset_error": "clock, ms",
-            "association_precision": "labels right, %",
-            "association_recall": "people found, %",
-        }
-        return _table("camera", self.cameras, columns)
-
     def to_json(self) -> str:
         """Everything, as JSON; a number that is not defined is null, what is empty is left out."""
         return json_text(asdict(self))
 
 
 NOTHING = "n/a"
+CAMERA_COLUMNS = {
+    "camera_translation": "position, m",
+    "camera_rotation": "orientation, °",
+    "focal_length_error": "focal length, %",
+    "time_offset_error": "clock, ms",
+    "association_precision": "labels right, %",
+    "association_recall": "people found, %",
+}
 MIDDLE_JOINTS = ("pelvis", "spine3", "neck", "head")
 LIMB_JOINTS = ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
 
@@ -260,8 +250,12 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
             finite = values[np.isfinite(values[:, joint_index(name)]), joint_index(name)]
             row["nees"] = float(finite.mean()) if len(finite) else float("nan")
     sensors: dict[str, Mapping[str, float]] = {}
-    if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
-        estimated, true = _first_names(estimate.calibration), _first_names(truth.calibration)
+    if estimate.calibration and truth.calibration and not estimate.calibration.keys() & truth.calibration.keys():
+        shown = 3  # names in the sentence
+        estimated, true = (
+            ", ".join([*calibration][:shown]) + (" …" if len(calibration) > shown else "")
+            for calibration in (estimate.calibration, truth.calibration)
+        )
         sentence = f"the estimate's sensors are called {estimated}, those of the truth {true}"
         warnings.warn(EvaluationWarning(f"headings and mountings are not compared: {sentence}"), stacklevel=3)
     elif estimate.calibration and truth.calibration:
@@ -271,14 +265,15 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
         if gauge is not None:  # sigmas are against the heading that defines the scene's world: its table judges them
             consistency.pop("nees_heading", None)
         table |= error_metrics([error]) | consistency
-        sensors = sensor_table(error)
+        sensors = {
+            name: {
+                "heading_deg": float(np.rad2deg(error.heading[name])),
+                "mounting_deg": float(np.rad2deg(np.linalg.norm(error.mounting[name]))),
+            }
+            for name in error.heading
+        }
     severity = Estimate.of_one(estimate).verdict.severity
     return Evaluation(estimate.name, estimate.method, table, severity, len(motion), joints, sensors, lengths)
-
-
-def _first_names(names: Collection[str]) -> str:
-    shown = 3  # names of sensors in a sentence
-    return ", ".join(list(names)[:shown]) + (" …" if len(names) > shown else "")
 
 
 def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
@@ -381,14 +376,19 @@ def _calibration_pairs(estimate: Estimate, scene: Scene, gauge: float | None) ->
     return {
         index: (calibration_error(wearer.calibration, truth.calibration, gauge), wearer.calibration)
         for index, (wearer, truth) in enumerate(zip(estimate.wearers, truths, strict=True))
-        if truth is not None and truth.calibration and share_sensors(wearer.calibration, truth.calibration)
+        if truth is not None and truth.calibration and wearer.calibration.keys() & truth.calibration.keys()
     }
 
 
 def _camera(camera: CameraComparison, gauge: Alignment | None, prior_gauge: Alignment | None) -> dict[str, Metric]:
     """Errors of a camera's path, lens, clock and IMU, where estimated and known, and NEES of path and lens."""
     estimate, truth = camera.estimate, camera.truth
-    table = {} if gauge is None else camera_metrics(camera_error(camera.pair, gauge))
+    table: dict[str, Metric] = {}
+    if gauge is not None:
+        off = camera_error(camera.pair, gauge)
+        rotation, translation = (np.linalg.norm(part, axis=1).mean() for part in (off[:, :3], off[:, 3:]))
+        table["camera_translation"] = Metric(float(translation), "m")
+        table["camera_rotation"] = Metric(float(np.rad2deg(rotation)), "deg")
     if estimate.calibration is not None and truth.calibration is not None:
         turn = None if gauge is None else yaw(gauge)
         error = calibration_error({"camera": estimate.calibration}, {"camera": truth.calibration}, turn)

@@ -62,7 +62,11 @@ def film(
         if not seconds[0] < seconds[1]:
             raise InputError(f"film from second {seconds[0]} to {seconds[1]}: expected a later end")
         start, end = max(start, seconds[0]), min(end, seconds[1])
-    time, frames, model = detections.time, frames_left(drawn_camera.video, len(detections.time)), drawn_camera.model
+    time, model, video = detections.time, drawn_camera.model, drawn_camera.video
+    frames = np.arange(len(time))
+    # All of a file, and of one of which no image is left either.
+    if video is not None and len(video.images) >= 2 and not (video.path is not None and video.path.is_file()):
+        frames = np.array([index for index in sorted(video.images) if index < len(time)], dtype=int)
     span = float(time[frames[-1]] - time[frames[0]])
     rate = (len(frames) - 1) / span if span > 0 else FASTEST_HZ
     step = max(1, int(np.ceil(rate / FASTEST_HZ - 0.01)))
@@ -244,13 +248,6 @@ def _label(image: np.ndarray, points: Array, label: str, colour: tuple[int, int,
     for right, down in ((-off, -off), (off, -off), (-off, off), (off, off), (0, 0)):  # broader letters would be wider
         ink = colour if not right else (20, 20, 20)
         cv2.putText(image, label, (x + right, y + down), cv2.FONT_HERSHEY_SIMPLEX, size, ink, thick, cv2.LINE_AA)
-
-
-def frames_left(video: Video | None, count: int) -> np.ndarray:
-    """Which of a video's ``count`` frames there are: all of a file, and of one of which no image is left either."""
-    if video is None or len(video.images) < 2 or (video.path is not None and video.path.is_file()):
-        return np.arange(count)
-    return np.array([index for index in sorted(video.images) if index < count], dtype=int)
 
 
 def video_stream(video: Video | None, wanted: Sequence[int]) -> Iterator[np.ndarray | None]:

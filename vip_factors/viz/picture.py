@@ -13,7 +13,6 @@ from matplotlib.patches import Ellipse
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, yaw_of
 from vip_factors.viz.charts import (
     INK,
@@ -85,7 +84,9 @@ def _draw_poses(wearer: DrawnWearer, path: Path, poses: int, title: str | None, 
     if wearer.shown is None:
         raise InputError("nothing to draw: expected an estimate, or a recording with its truth")
     shown, ghost, estimate = wearer.shown, wearer.truth if wearer.motion is not None else None, wearer.estimate
-    values, label = _curve(wearer)
+    values, label = wearer.error_mm, "joint error, mm"
+    if values is None and estimate is not None and "orientation_deg" in estimate.residuals:
+        values, label = mean_residual(estimate.residuals["orientation_deg"]), "mean orientation residual, °"
     frames = np.round(np.linspace(0.04, 0.96, poses) * (len(shown) - 1)).astype(int)
     if title is None:
         title = ", ".join(filter(None, (estimate.name, estimate.method))) if estimate is not None else shown.name
@@ -93,8 +94,10 @@ def _draw_poses(wearer: DrawnWearer, path: Path, poses: int, title: str | None, 
     entries += [("truth", hexadecimal(GHOST), "-")] if ghost is not None else []
     entries += [("sensor", SENSOR, "s")] if wearer.recording is not None else []
     curves = [Curve("", shown.time, values)] if values is not None else []
-    subtitle = _subtitle(estimate, shown, values, ghost is not None)
-    figure = _page(title, subtitle, entries, STRIP_HEIGHT, curves, label, shown.time[frames])
+    words = [f"{len(shown) / shown.rate:.1f} s"]
+    words += [f"{len(estimate.sensors)} inertial sensors"] if estimate is not None and estimate.sensors else []
+    words += [f"mean joint error {np.mean(values):.0f} mm"] if ghost is not None and values is not None else []
+    figure = _page(title, DOT.join(words), entries, STRIP_HEIGHT, curves, label, shown.time[frames])
     axes = panel(figure, (0, HEADER, WIDTH, HEADER + STRIP_HEIGHT))
     axes.set(xlim=(0, WIDTH), ylim=(STRIP_HEIGHT, 0), xticks=(), yticks=())
     _draw_row(axes, wearer, shown, ghost, frames)
@@ -190,30 +193,12 @@ def _page(
     return figure
 
 
-def _curve(wearer: DrawnWearer) -> tuple[Array | None, str]:
-    error, estimate = wearer.error_mm, wearer.estimate
-    if error is not None:
-        return error, "joint error, mm"
-    if estimate is not None and "orientation_deg" in estimate.residuals:
-        return mean_residual(estimate.residuals["orientation_deg"]), "mean orientation residual, °"
-    return None, ""
-
-
 def mean_residual(values: Array) -> Array:
     """Mean over the sensors ``(T,)``; NaN where none gave anything."""
     is_seen = np.isfinite(values).any(axis=1)
     mean = np.full(len(values), np.nan)
     mean[is_seen] = np.nanmean(values[is_seen], axis=1)
     return mean
-
-
-def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | None, compared: bool) -> str:
-    words = [f"{len(shown) / shown.rate:.1f} s"]
-    if estimate is not None and estimate.sensors:
-        words.append(f"{len(estimate.sensors)} inertial sensors")
-    if compared and values is not None:
-        words.append(f"mean joint error {np.mean(values):.0f} mm")
-    return DOT.join(words)
 
 
 def _draw_row(axes: Axes, wearer: DrawnWearer, shown: Motion, ghost: Motion | None, frames: Array) -> None:

@@ -27,11 +27,6 @@ GHOST_COLOURS: Mapping[Side, Colour] = dict.fromkeys(Side, GHOST_COLOUR)
 GHOST_ALPHA, GLASS_ALPHA = 110, 70  # of 255
 
 
-def time_column(time: Array) -> rr.TimeColumn:
-    """Rerun's column of seconds ``(T,)`` from the recording's start."""
-    return rr.TimeColumn("time", duration=time)
-
-
 def log_poses(stream: rr.RecordingStream, entity: str, motion: Motion) -> None:
     """Log the world poses of all bones, ``entity/<bone>``, of a whole motion or of the next frames of one."""
     state, frames = motion.state, [f"tf#{entity}/{bone}" for bone in JOINT_NAMES]
@@ -43,7 +38,9 @@ def log_poses(stream: rr.RecordingStream, entity: str, motion: Motion) -> None:
         child_frame=frames * len(motion),
         parent_frame=[f"tf#{WORLD}"] * (len(frames) * len(motion)),
     )
-    stream.send_columns(entity, indexes=[time_column(np.repeat(motion.time, len(frames)))], columns=columns)
+    stream.send_columns(
+        entity, indexes=[rr.TimeColumn("time", duration=np.repeat(motion.time, len(frames)))], columns=columns
+    )
 
 
 def log_sensors(
@@ -119,35 +116,6 @@ def cut_skin(skeleton: Skeleton) -> CutSkin:
     return CutSkin(mesh, *mesh.posed(R, p), R, p, once, lapped)
 
 
-def log_skin(
-    stream: rr.RecordingStream, entity: str, skin: CutSkin, colours: Mapping[Side, Colour], *, ghost: bool = False
-) -> None:
-    """Log the skin that moves with the bones below ``entity``, until it is logged again.
-
-    Args:
-        stream: where to.
-        entity: of the body, whose poses :func:`log_poses` logs.
-        skin: of the body.
-        colours: by side.
-        ghost: see-through, for what another body is compared with.
-    """
-    tones = np.array([colours[side_of(bone)] for bone in range(len(JOINT_NAMES))], np.uint8)[skin.mesh.bone]
-    # Where pieces overlap a see-through body would be darker.
-    for bone, triangles in enumerate(skin.once if ghost else skin.lapped):
-        if not len(triangles):
-            continue
-        used, faces = np.unique(triangles, return_inverse=True)
-        R = skin.R_cut_bone[bone]
-        shape = rr.Mesh3D(
-            vertex_positions=((skin.p_cut[used] - skin.p_cut_bone[bone]) @ R).astype(np.float32),
-            vertex_normals=(skin.normal[used] @ R).astype(np.float32),
-            vertex_colors=tones[used],
-            triangle_indices=faces.reshape(-1, 3).astype(np.uint32),
-            albedo_factor=(255, 255, 255, GHOST_ALPHA if ghost else 255),
-        )
-        stream.log(f"{entity}/{JOINT_NAMES[bone]}", shape, static=True)
-
-
 class BodyLog:
     """A body that is logged piece by piece: its skin anew where skeleton or colours change, and the next poses.
 
@@ -163,18 +131,29 @@ class BodyLog:
         self._look: tuple[bytes, Mapping[Side, Colour]] | None = None
 
     def log(self, motion: Motion, colours: Mapping[Side, Colour]) -> None:
-        """Log poses of a body in its colours."""
+        """Log poses of a body in its colours by side."""
         look = motion.skeleton.p_parent_joint.tobytes(), colours
         if look != self._look:
             self._look = look
-            log_skin(self._stream, self.entity, cut_skin(motion.skeleton), colours, ghost=self._ghost)
+            self._log_skin(cut_skin(motion.skeleton), colours)
         log_poses(self._stream, self.entity, motion)
 
-
-def see_through(entity: str) -> dict[str, rr.Mesh3D]:
-    """Overrides for a view in which the body below ``entity`` must not hide what is behind it."""
-    glass = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, GLASS_ALPHA))
-    return {f"{entity}/{bone}": glass for bone in JOINT_NAMES}
+    def _log_skin(self, skin: CutSkin, colours: Mapping[Side, Colour]) -> None:
+        tones = np.array([colours[side_of(bone)] for bone in range(len(JOINT_NAMES))], np.uint8)[skin.mesh.bone]
+        # Where pieces overlap a see-through body would be darker.
+        for bone, triangles in enumerate(skin.once if self._ghost else skin.lapped):
+            if not len(triangles):
+                continue
+            used, faces = np.unique(triangles, return_inverse=True)
+            R = skin.R_cut_bone[bone]
+            shape = rr.Mesh3D(
+                vertex_positions=((skin.p_cut[used] - skin.p_cut_bone[bone]) @ R).astype(np.float32),
+                vertex_normals=(skin.normal[used] @ R).astype(np.float32),
+                vertex_colors=tones[used],
+                triangle_indices=faces.reshape(-1, 3).astype(np.uint32),
+                albedo_factor=(255, 255, 255, GHOST_ALPHA if self._ghost else 255),
+            )
+            self._stream.log(f"{self.entity}/{JOINT_NAMES[bone]}", shape, static=True)
 
 
 FRUSTUM_COLOUR: Colour = (52, 58, 70)  # in the world, which is bright
@@ -199,7 +178,7 @@ def log_camera_poses(stream: rr.RecordingStream, entity: str, path: CameraPath) 
         translation=path.p_world_camera.astype(np.float32),
         quaternion=quaternion_from_matrix(path.R_world_camera, Order.XYZW).astype(np.float32),
     )
-    stream.send_columns(entity, indexes=[time_column(path.time)], columns=columns)
+    stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=path.time)], columns=columns)
 
 
 def log_camera(
@@ -287,7 +266,7 @@ def _send(
 ) -> None:
     """Send what belongs to video frames ``(n,)``; frames without anything are cleared."""
     counts = np.bincount(frame, minlength=len(time))
-    stream.send_columns(entity, indexes=[time_column(time)], columns=columns.partition(counts))
+    stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=time)], columns=columns.partition(counts))
 
 
 def log_video(stream: rr.RecordingStream, entity: str, video: Video, time: Array) -> bool:
@@ -298,12 +277,21 @@ def log_video(stream: rr.RecordingStream, entity: str, video: Video, time: Array
     """
     images = {index: blob for index, blob in sorted(video.images.items()) if 0 <= index < len(time)}
     if images:
-        column = time_column(time[list(images)])
+        column = rr.TimeColumn("time", duration=time[list(images)])
         stream.send_columns(entity, indexes=[column], columns=rr.EncodedImage.columns(blob=list(images.values())))
         return True
     if video.path is None or not video.path.is_file():
         return False
-    return _log_mp4(stream, entity, video.path, time) or _log_decoded(stream, entity, video, time)
+    if _log_mp4(stream, entity, video.path, time):
+        return True
+    count = 0
+    for instant, image in zip(time, video_stream(video, range(len(time))), strict=True):
+        if image is None:
+            break
+        column = rr.EncodedImage.columns(blob=[jpeg_bytes(image, 85)])
+        stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=np.array([instant]))], columns=column)
+        count += 1
+    return count > 0
 
 
 def _log_mp4(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -> bool:
@@ -317,16 +305,5 @@ def _log_mp4(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -
     count = min(len(stamps), len(time))
     stream.log(entity, asset, static=True)
     columns = rr.VideoFrameReference.columns_nanos(stamps[:count])
-    stream.send_columns(entity, indexes=[time_column(time[:count])], columns=columns)
-    return count > 0
-
-
-def _log_decoded(stream: rr.RecordingStream, entity: str, video: Video, time: Array) -> bool:
-    count = 0
-    for instant, image in zip(time, video_stream(video, range(len(time))), strict=True):
-        if image is None:
-            break
-        column = rr.EncodedImage.columns(blob=[jpeg_bytes(image, 85)])
-        stream.send_columns(entity, indexes=[time_column(np.array([instant]))], columns=column)
-        count += 1
+    stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=time[:count])], columns=columns)
     return count > 0

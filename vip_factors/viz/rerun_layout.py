@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.describe.estimates import RESIDUALS, estimate_tables, figure_table
 from vip_factors.describe.recordings import detection_rows, recording_facts
 from vip_factors.estimate import Estimate, WearerEstimate
@@ -21,7 +22,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.tables import Quantity, Row, Table, facts, markdown, plain
 from vip_factors.viz.colours import colour_name, sensor_colours, wearer_colour
 from vip_factors.viz.drawn_scene import APART, DrawnScene, DrawnWearer
-from vip_factors.viz.rerun_body import WORLD, see_through, time_column
+from vip_factors.viz.rerun_body import GLASS_ALPHA, WORLD
 
 
 def sensor_colours_of(
@@ -56,7 +57,7 @@ def log_points(stream: rr.RecordingStream, entity: str, time: Array, values: Arr
     """Log points ``(T, n)`` of curves, all of them or the next ones; curves are interrupted where they are NaN."""
     if np.any(np.isfinite(values)):
         columns = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(values))
-        stream.send_columns(entity, indexes=[time_column(time)], columns=columns)
+        stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=time)], columns=columns)
 
 
 def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[str, Colour]) -> dict[str, str]:
@@ -76,22 +77,12 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
             entity = "/plots/joint_error_mm"
             log_curves(stream, f"{entity}/{name}", wearer.motion.time, wearer.error_mm[:, None], curve)
             titles[entity] = "Joint error (mm)"
-        if drawn.one_alone:
-            titles |= _log_residuals(stream, wearer, colours)
-    return titles
-
-
-def _log_residuals(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
-    estimate = wearer.estimate
-    if estimate is None:
-        return {}
-    titles = {}
-    for kind, values in estimate.residuals.items():
-        entity = f"/plots/residual/{kind}"
-        curves = {sensor: colours[sensor] for sensor in estimate.sensors}
-        log_curves(stream, entity, estimate.motion.time, values, curves)
-        name, unit = RESIDUALS.get(kind, (kind, ""))
-        titles[entity] = f"{name.capitalize()} residual ({unit})"
+        if drawn.one_alone and (estimate := wearer.estimate) is not None:
+            sensors = {sensor: colours[sensor] for sensor in estimate.sensors}
+            for kind, values in estimate.residuals.items():
+                entity, (title, unit) = f"/plots/residual/{kind}", RESIDUALS.get(kind, (kind, ""))
+                log_curves(stream, entity, estimate.motion.time, values, sensors)
+                titles[entity] = f"{title.capitalize()} residual ({unit})"
     return titles
 
 
@@ -119,12 +110,9 @@ class LiveSeries:
             wearers = [estimate.wearers[index] for estimate in estimates]
             sigmas = np.array([[_sigma_deg(wearer)] for wearer in wearers])
             log_points(self._stream, f"{POSE_SIGMAS}/{entity}", time, sigmas)
-            self._log_heading_sigmas(entity, self._sensors[index], time[-1:], wearers[-1])
-
-    def _log_heading_sigmas(self, entity: str, sensors: Sequence[str], time: Array, wearer: LiveWearerEstimate) -> None:
-        calibrations = (wearer.calibration.get(sensor) for sensor in sensors)
-        radians = [[np.nan if calibration is None else calibration.heading_sigma for calibration in calibrations]]
-        log_points(self._stream, f"{HEADING_SIGMAS}/{entity}", time, np.rad2deg(radians))
+            calibrations = [wearers[-1].calibration.get(sensor) for sensor in self._sensors[index]]
+            radians = [[np.nan if calibration is None else calibration.heading_sigma for calibration in calibrations]]
+            log_points(self._stream, f"{HEADING_SIGMAS}/{entity}", time[-1:], np.rad2deg(radians))
 
 
 def _sigma_deg(wearer: LiveWearerEstimate) -> float:
@@ -139,11 +127,11 @@ SUMMARY, CENTRE = "/summary", f"{WORLD}/centre"
 EYE_TURN = 0.68  # radians to the left of straight ahead: from there a body has depth
 
 
-def forward_of(motion: Motion) -> Array:
-    """The horizontal direction ``(3,)`` that a body faces in its first frame."""
-    forward: Array = motion.state.R_world_bone[0, 0, :, 2] * [1, 1, 0]
-    norm = float(np.linalg.norm(forward))
-    return forward / norm if norm > 1e-6 else np.array([1.0, 0.0, 0.0])
+def horizontal(direction: Array) -> Array | None:
+    """The horizontal unit vector ``(3,)`` along a direction; None for a vertical one."""
+    flat: Array = direction * [1, 1, 0]
+    norm = float(np.linalg.norm(flat))
+    return flat / norm if norm > 1e-6 else None
 
 
 def centre_path(motions: Sequence[Motion]) -> tuple[Array, Array]:
@@ -162,17 +150,7 @@ def log_centre(stream: rr.RecordingStream, time: Array, p_world_centre: Array) -
     """Log the point that the eye follows: seconds ``(T,)``, metres ``(T, 3)``."""
     stream.log(CENTRE, rr.Points3D([[0.0, 0.0, 0.0]], radii=0.001), static=True)  # Rerun follows what is drawn alone
     columns = rr.Transform3D.columns(translation=p_world_centre.astype(np.float32))
-    stream.send_columns(CENTRE, indexes=[time_column(time)], columns=columns)
-
-
-def spread_of(motions: Sequence[Motion]) -> float:
-    """Metres from the point between the wearers to the outermost one, most of the time."""
-    time, centre = centre_path(motions)
-    off = [
-        np.hypot(*(np.interp(time, motion.time, motion.p_world_pelvis[:, axis]) - centre[:, axis] for axis in range(2)))
-        for motion in motions
-    ]
-    return float(np.percentile(np.max(off, axis=0), 95))
+    stream.send_columns(CENTRE, indexes=[rr.TimeColumn("time", duration=time)], columns=columns)
 
 
 @dataclass(frozen=True)
@@ -235,15 +213,25 @@ class Stage:
         """An eye before the people and to their left, as far away as all of them need."""
         if not self.motions:
             return None
-        ahead = forward_of(self.motions[0]) if self.ahead is None else self.ahead
+        ahead = self.ahead
+        if ahead is None:
+            ahead = horizontal(self.motions[0].state.R_world_bone[0, 0, :, 2])
+        if ahead is None:
+            ahead = np.array([1.0, 0.0, 0.0])
         room_m = 0.55 if len(self.motions[0]) > 1 else 0.75  # beside the outermost pelvis: an arm held out, a step
         height_per_metre = 1.03  # the viewer shows nearly as many metres of height as its eye is away
         nearest_m, farthest_m = 2.5, 14.0  # a whole person fits; farther off nobody is seen
-        aspect, spread = 2.3 if self.images else 1.1, spread_of(self.motions)  # above a camera's image, and alone
+        time, centre = centre_path(self.motions)
+        off = [
+            np.hypot(*(np.interp(time, m.time, m.p_world_pelvis[:, axis]) - centre[:, axis] for axis in range(2)))
+            for m in self.motions
+        ]
+        spread = float(np.percentile(np.max(off, axis=0), 95))  # to the outermost one, most of the time
+        aspect = 2.3 if self.images else 1.1  # above a camera's image, and alone
         distance = np.clip((spread + room_m) / (0.5 * height_per_metre * aspect) + spread, nearest_m, farthest_m)
         # A little from above, so that the floor shows where people stand.
         direction = rotation_z(EYE_TURN) @ ahead + np.array([0.0, 0.0, 0.29])
-        target = centre_path(self.motions)[1][0]
+        target = centre[0]
         return rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
             position=target + distance * direction / np.linalg.norm(direction),
@@ -257,12 +245,13 @@ def image_view(title: str, image: str, model: CameraModel, bodies: Sequence[str]
     """The view of what a camera of this model saw, and of bodies in the world through it."""
     hidden = [f"- {body}/head/name/**" for body in bodies]
     rim = 0.02 * model.width
+    glass = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, GLASS_ALPHA))  # nothing hides behind a body
     return rrb.Spatial2DView(
         origin=image,
         name=title,
         background=(74, 81, 92),  # mid-tone: fine bright lines and coloured ones stand out
         contents=["$origin/**", *(f"{body}/**" for body in bodies), *hidden],
-        overrides={bone: look for body in bodies for bone, look in see_through(body).items()},
+        overrides={f"{body}/{bone}": glass for body in bodies for bone in JOINT_NAMES},
         visual_bounds=rrb.VisualBounds2D(x_range=(-rim, model.width + rim), y_range=(-rim, model.height + rim)),
     )
 

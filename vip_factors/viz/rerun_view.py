@@ -35,6 +35,7 @@ from vip_factors.viz.rerun_layout import (
     SUMMARY,
     Stage,
     centre_path,
+    horizontal,
     log_centre,
     log_series,
     recorded_panels,
@@ -119,9 +120,7 @@ def _towards_camera(drawn: DrawnScene) -> np.ndarray | None:
     path = next((camera.path for camera in drawn.cameras if camera.path is not None), None)
     if path is None or not shown:
         return None
-    direction = (path.p_world_camera[0] - centre_path(shown)[1][0]) * [1, 1, 0]
-    norm = float(np.linalg.norm(direction))
-    return direction / norm if norm > 1e-6 else None
+    return horizontal(path.p_world_camera[0] - centre_path(shown)[1][0])
 
 
 def _below(*names: str) -> str:

@@ -21,9 +21,8 @@ def rerun_command() -> str:
     Raises:
         VipFactorsError: if it is in neither place.
     """
-    executable = Path(sys.executable).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
-    rerun = str(executable) if executable.is_file() else shutil.which("rerun")
-    if rerun is None:
+    places = [str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)]
+    if (rerun := shutil.which("rerun", path=os.pathsep.join(places))) is None:
         raise VipFactorsError("the command 'rerun' was not found: install rerun-sdk beside this Python")
     return rerun
 

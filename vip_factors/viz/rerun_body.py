@@ -288,8 +288,8 @@ def log_video(stream: rr.RecordingStream, entity: str, video: Video, time: Array
     for instant, image in zip(time, video_stream(video, range(len(time))), strict=True):
         if image is None:
             break
-        column = rr.EncodedImage.columns(blob=[jpeg_bytes(image, 85)])
-        stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=np.array([instant]))], columns=column)
+        picture = rr.EncodedImage.columns(blob=[jpeg_bytes(image, 85)])
+        stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=np.array([instant]))], columns=picture)
         count += 1
     return count > 0
 

@@ -21,7 +21,7 @@ from vip_factors.estimate import Moved, WearerEstimate, as_estimate
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.settings import CameraOptions, ExportSettings, LiveSourceSettings
 from vip_factors.repetitions.repetition import WearerRepetitions
-from vip_factors.repetitions.repetitions import all_repetitions
+from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
@@ -307,7 +307,7 @@ def repetitions(
         >>> [len(wearer.repetitions) for wearer in vip.repetitions(estimate)]
         [0]
     """
-    wearers = all_repetitions(as_estimate(estimate))
+    wearers = tuple(map(repetitions_of, as_estimate(estimate).wearers))
     if out is not None:
         from vip_factors.repetitions.files import write_repetitions
 

@@ -208,10 +208,10 @@ def execute_repetitions(options: RepetitionOptions) -> None:
     """Run ``vip-factors repetitions``."""
     from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.repetitions.files import repetition_table, write_repetitions
-    from vip_factors.repetitions.repetitions import all_repetitions
+    from vip_factors.repetitions.repetitions import repetitions_of
 
     with waiting(f"reading {options.estimate.name}"):
-        wearers = all_repetitions(read_estimate(options.estimate))
+        wearers = tuple(map(repetitions_of, read_estimate(options.estimate).wearers))
     for wearer in wearers:
         if wearer.repetitions:
             print_tables([repetition_table(wearer)])

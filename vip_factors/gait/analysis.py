@@ -192,12 +192,14 @@ def gait_of(
         if events is not None and sensors[side][0].rate < LEAST_RATE_HZ and shank_site(estimate, recording, side):
             events = None  # all sensors of the legs together tell better when it was than one between two samples
         if events is not None:
-            feet[side] = _during(events, estimate)
+            time = estimate.motion.time
+            inside = (events.off >= time[0]) & (events.rest <= time[-1])
+            feet[side] = FootEvents(events.off[inside], events.strike[inside], events.rest[inside], True)
             travel[side] = _by_strike(feet[side], travel_of_foot(sensors[side][0], feet[side].rest))
     bones = bones_with_sensors(estimate, recording)
     measured = None if with_camera else bones
     strides = tuple(
-        _measured_values(_with_length(stride, stretch, travel.get(stride.side, {}).get(stride.start, np.nan)), measured)
+        _with_length(stride, stretch, travel.get(stride.side, {}).get(stride.start, np.nan), measured)
         for stride in strides_of(estimate.motion, feet)
     )
     strides = tuple(
@@ -217,7 +219,7 @@ def gait_of(
         tuple(curve for curve in curves if curve.angle not in guessed),
         estimate.covariance is not None,
         bones,
-        (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)),
+        _findings(name, feet, guessed, measured),
         verdict,
     )
 
@@ -252,13 +254,6 @@ def leg_length_sigma(subject: Subject) -> float:
         return 0.0
     leg = np.isin(BODY_LENGTHS, ("thigh", "shank"))
     return float(np.sqrt(leg @ variation.covariance @ leg) / (leg @ lengths_of(subject.body())))
-
-
-def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:
-    """Select the events that the motion covers completely."""
-    time = estimate.motion.time
-    inside = (events.off >= time[0]) & (events.rest <= time[-1])
-    return FootEvents(events.off[inside], events.strike[inside], events.rest[inside], events.by_sensor)
 
 
 def foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str) -> tuple[ImuStream, Array] | None:
@@ -316,15 +311,18 @@ def _by_strike(feet: FootEvents, values: Array) -> dict[float, float]:
     return dict(zip(feet.strike[:-1].tolist(), values.tolist(), strict=True))
 
 
-def _with_length(stride: Stride, stretch: float | None, by_foot: float) -> Stride:
-    """The stride, its lengths by the motion as the shanks stretch it, or its foot's own sensor, or both by their ±."""
+def _with_length(stride: Stride, stretch: float | None, by_foot: float, bones: Collection[str] | None) -> Stride:
+    """The stride, its lengths by the motion as the shanks stretch it, or its foot's own sensor, or both by their ±;
+    without values of what no sensor measured.
+    """
     values, length = stride.values, (stretch or 1.0) * stride.values["length"]
     if np.isfinite(by_foot):
         share = 0.0 if stretch is None else LENGTH_BY_SENSOR**2 / (LENGTH_BY_SENSOR**2 + LENGTH_BY_SHANKS**2)
         length = (1 - share) * by_foot + share * length
     step = (stretch or 1.0) * values["step_length"]
-    longer = {"length": length, "speed": length / values["time"], "step_length": step}
-    return replace(stride, values={**values, **longer}, by_sensor=bool(np.isfinite(by_foot)))
+    values = {**values, "length": length, "speed": length / values["time"], "step_length": step}
+    measured = {name: value if _is_told(name, stride.side, bones) else np.nan for name, value in values.items()}
+    return replace(stride, values=measured, by_sensor=bool(np.isfinite(by_foot)))
 
 
 def bones_with_sensors(estimate: WearerEstimate, recording: Recording | None) -> frozenset[str] | None:
@@ -345,56 +343,35 @@ def _is_told(quantity: str, side: str, bones: Collection[str] | None) -> bool:
     return frozenset(bones) >= LEGS
 
 
-def _measured_values(stride: Stride, bones: Collection[str] | None) -> Stride:
-    """The stride, without values of what no sensor measured."""
-    values = {name: value if _is_told(name, stride.side, bones) else np.nan for name, value in stride.values.items()}
-    return replace(stride, values=values)
-
-
-def _guessed_events(name: str, feet: Mapping[str, FootEvents], bones: Collection[str] | None) -> tuple[Finding, ...]:
-    """Legs tell events where feet do not: those that nothing measured say little."""
+def _findings(
+    name: str, feet: Mapping[str, FootEvents], angles: Collection[str], bones: Collection[str] | None
+) -> tuple[Finding, ...]:
+    """What nothing measured: events that the legs tell where feet do not, joint angles and quantities of strides."""
     by_legs = any(len(events) and not events.by_sensor for events in feet.values())
-    return (Finding("gait by unmeasured legs", name),) if by_legs and not _is_told(OF_BOTH_LEGS[0], "", bones) else ()
-
-
-def _left_out(name: str, angles: Sequence[str], bones: Collection[str] | None) -> tuple[Finding, ...]:
-    """Finding about the quantities that nothing measured."""
+    is_guessed = by_legs and not _is_told(OF_BOTH_LEGS[0], "", bones)
+    findings = [Finding("gait by unmeasured legs", name)] if is_guessed else []
     joints = dict.fromkeys(angle.removeprefix("left_").removeprefix("right_").partition("_")[0] for angle in angles)
     figures = [
         quantity.words for quantity in QUANTITIES if not all(_is_told(quantity.name, side, bones) for side in SIDES)
     ]
-    if not joints and not figures:
-        return ()
-    return (Finding("gait not measured", name, words={"what": ", ".join([*joints, *figures])}),)
+    if joints or figures:
+        findings.append(Finding("gait not measured", name, words={"what": ", ".join([*joints, *figures])}))
+    return tuple(findings)
 
 
 def _figures(strides: Sequence[Stride], by_legs: float) -> tuple[Figure, ...]:
-    figures = []
+    figures = list[Figure]()
     for quantity in QUANTITIES:
-        sides = {
-            side: _figure(quantity, side, [stride for stride in strides if stride.side == side], by_legs)
-            for side in SIDES
-        }
-        both_sides = _figure(quantity, "both", strides, by_legs)
-        figure_by_side = {side: figure for side, figure in sides.items() if figure is not None}
-        figures += [*figure_by_side.values(), *([both_sides] if both_sides is not None else [])]
-        if len(figure_by_side) == len(SIDES):
-            left_figure, right = (figure_by_side[side] for side in SIDES)
-            random = [
-                figure.variability / np.sqrt(figure.count) for figure in (left_figure, right)
-            ]  # NaN of one stride
+        left, right = (
+            _figure(quantity, side, [stride for stride in strides if stride.side == side], by_legs) for side in SIDES
+        )
+        figures += filter(None, (left, right, _figure(quantity, "both", strides, by_legs)))
+        if left is not None and right is not None:
+            random = [figure.variability / np.sqrt(figure.count) for figure in (left, right)]  # NaN of one stride
             shared_share = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides, by_legs) / 2
             sigma = float(np.linalg.norm([*random, shared_share, shared_share]))
-            figures.append(
-                Figure(
-                    quantity,
-                    "difference",
-                    min(left_figure.count, right.count),
-                    left_figure.mean - right.mean,
-                    np.nan,
-                    sigma,
-                )
-            )
+            strides_count = min(left.count, right.count)
+            figures.append(Figure(quantity, "difference", strides_count, left.mean - right.mean, np.nan, sigma))
     return tuple(figures)
 
 

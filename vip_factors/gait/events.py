@@ -16,7 +16,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import contact_points, joint_index
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, low_passed, runs
 
 # What strikes and toe-offs are off by together, one standard deviation, as walks with a reference showed.
 EVENT_S = 0.02
@@ -67,11 +67,11 @@ def events_of_sensor(
         return None
     turning = interpolate_points(*angular_rate(stream), time) @ R_bone_sensor.T
     swing_hz, event_hz = 6.0, 12.0  # of low passes: what a swing is made of, and what its ends are
-    swing, toes_up = (_low_passed(-turning[:, 0], hz, rate) for hz in (swing_hz, event_hz))
+    swing, toes_up = (low_passed(-turning[:, 0], rate, min(hz, 0.45 * rate)) for hz in (swing_hz, event_hz))
     off, strike = [], []
     # Toes turn up by three quarters of a right angle in a swing of a walk, by less when shuffling.
     least_swing_deg = 20.0
-    for start, stop in _runs(swing > 0):
+    for start, stop in runs(swing > 0).tolist():
         if np.sum(swing[start:stop]) / rate >= np.deg2rad(least_swing_deg):
             ends = _swing_ends(time, toes_up, start, stop, rate, shares)
             if ends is not None:
@@ -164,17 +164,6 @@ def _events(off: list[float], strike: list[float], time: Array, restless: Array,
 def foot_bones(side: str) -> tuple[int, int]:
     """Bones of the sole and of the toes."""
     return joint_index(f"{side}_ankle"), joint_index(f"{side}_foot")
-
-
-def _low_passed(values: Array, hz: float, rate: float) -> Array:
-    from scipy.signal import butter, sosfiltfilt  # late: it takes long to import
-
-    return np.asarray(sosfiltfilt(butter(2, min(hz, 0.45 * rate), fs=rate, output="sos"), values))
-
-
-def _runs(is_inside: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_inside, [False]]).astype(int)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _zero(time: Array, values: Array, k: int) -> float:

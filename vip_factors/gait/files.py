@@ -7,7 +7,7 @@ the optical part of the Geneva data set (Grouvel et al. 2023, Sci. Data 10: 180;
 """
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -194,21 +194,18 @@ def _curves_of(gait: Gait, name: str) -> list[Curve]:
 
 @dataclass(frozen=True)
 class ReferenceCurve:
-    """A joint angle over the cycle, of either side.
+    """A joint angle over the cycle, of either side, of some people at one pace.
 
     Attributes:
-        pace: what the people were asked for.
-        speed: their mean, m/s.
-        people, strides: how many.
         angle: without side, such as ``knee_flexion``.
+        speed: their mean, m/s.
+        people: how many.
         mean, sd: ``(101,)`` degrees, and standard deviation of all strides.
     """
 
-    pace: str
+    angle: str
     speed: float
     people: int
-    strides: int
-    angle: str
     mean: Array
     sd: Array
 
@@ -220,26 +217,16 @@ def references() -> tuple[ReferenceCurve, ...]:
     rows: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
         rows.setdefault((row["pace"], row["angle"]), []).append(row)
-    return tuple(
-        ReferenceCurve(
-            pace,
-            float(points[0]["speed_m_s"]),
-            int(points[0]["people"]),
-            int(points[0]["strides"]),
-            angle,
-            *(np.array([float(row[name]) for row in points]) for name in ("mean_deg", "sd_deg")),
-        )
-        for (pace, angle), points in rows.items()
-    )
+    curves = []
+    for (_, angle), points in rows.items():
+        mean, sd = (np.array([float(row[name]) for row in points]) for name in ("mean_deg", "sd_deg"))
+        curves.append(ReferenceCurve(angle, float(points[0]["speed_m_s"]), int(points[0]["people"]), mean, sd))
+    return tuple(curves)
 
 
-def reference_at(speed: float, angle: str, curves: Iterable[ReferenceCurve] | None = None) -> ReferenceCurve | None:
-    """The curve of the nearest speed in m/s; None if there is none of such an angle, or none near.
-
-    ``angle`` may name a side: ``left_knee_flexion``.
-    """
-    plain = angle.removeprefix("left_").removeprefix("right_")
-    near = [curve for curve in (references() if curves is None else curves) if curve.angle == plain]
-    nearest = min(near, key=lambda curve: abs(curve.speed - speed), default=None)
+def reference_at(speed: float, angle: str) -> ReferenceCurve | None:
+    """The curve of the nearest speed in m/s; None if there is none of such an angle, or none near."""
+    curves = (curve for curve in references() if curve.angle == angle)
+    nearest = min(curves, key=lambda curve: abs(curve.speed - speed), default=None)
     farthest_m_s = 0.3  # from a reference's speed: curves of another pace are no reference
     return nearest if nearest is not None and abs(nearest.speed - speed) <= farthest_m_s else None

@@ -32,14 +32,21 @@ def travel_of_foot(stream: ImuStream, rests: Array) -> Array:
         stream: of a sensor on the foot.
         rest: ``(N,)`` seconds.
     """
+    from scipy.integrate import cumulative_trapezoid  # late: it takes long to import
+
     lengths = np.full(max(len(rests) - 1, 0), np.nan)
     turned = _oriented(stream) if stream.rate >= LEAST_RATE_HZ else None
     if turned is None:
         return lengths
     acceleration = _acceleration(turned)
     for k, (start, end) in enumerate(itertools.pairwise(_samples(turned, rests))):
-        if _is_whole(turned.time[start : end + 1]):
-            lengths[k] = _travelled(turned.time[start : end + 1], acceleration[start : end + 1])
+        time, a = turned.time[start : end + 1], acceleration[start : end + 1]
+        if _is_whole(time):
+            velocity = cumulative_trapezoid(a, time, axis=0, initial=0)
+            u = np.asarray(cumulative_trapezoid(np.asarray(np.sum(a**2, axis=1)), time, initial=0))
+            u /= max(float(u[-1]), 1e-9)
+            path = np.trapezoid(velocity - u[:, None] * velocity[-1], time, axis=0)
+            lengths[k] = np.linalg.norm(path[:2])
     return lengths
 
 
@@ -121,16 +128,6 @@ def _is_whole(time: Array) -> bool:
     return len(time) >= 3 and time[-1] - time[0] <= longest_s and bool(np.max(np.diff(time)) <= widest_gap_s)
 
 
-def _travelled(time: Array, acceleration: Array) -> float:
-    """Length in metres along the floor, from rest to rest."""
-    from scipy.integrate import cumulative_trapezoid  # late: it takes long to import
-
-    velocity = cumulative_trapezoid(acceleration, time, axis=0, initial=0)
-    u = np.asarray(cumulative_trapezoid(np.asarray(np.sum(acceleration**2, axis=1)), time, initial=0))
-    u /= max(float(u[-1]), 1e-9)
-    return float(np.linalg.norm(np.trapezoid(velocity - u[:, None] * velocity[-1], time, axis=0)[:2]))
-
-
 Unsteady = Literal["start", "stop", "turn", "pause"]
 """Why a stride of a walk is no part of means."""
 TURN_DEG = 20.0  # that a foot or the pelvis turns by in a stride: straight on it is some 5, half a turn takes three
@@ -202,14 +199,12 @@ def strides_of(motion: Motion, feet: Mapping[str, FootEvents]) -> tuple[Stride, 
     strides = [stride for side in SIDES if side in feet for stride in _of_foot(_Feet(motion, side, feet))]
     times = [stride.values["time"] for stride in strides if not stride.left_out]
     usual = float(np.median(times)) if times else np.inf
-    return tuple(sorted((_without_pause(stride, usual) for stride in strides), key=lambda stride: stride.start))
-
-
-def _without_pause(stride: Stride, usual: float) -> Stride:
-    pause = 1.6  # times as long as usual: somebody stood in between
-    if stride.left_out or not stride.values["time"] > pause * usual:
-        return stride
-    return replace(stride, left_out="pause")
+    pause = 1.6 * usual  # somebody stood in between
+    strides = [
+        replace(stride, left_out="pause") if not stride.left_out and stride.values["time"] > pause else stride
+        for stride in strides
+    ]
+    return tuple(sorted(strides, key=lambda stride: stride.start))
 
 
 def without_starts_and_stops(strides: Sequence[Stride]) -> tuple[Stride, ...]:

@@ -4,7 +4,6 @@ import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from vip_factors.display import table_cell
 from vip_factors.errors import InputError
 from vip_factors.repetitions.repetition import Measured, Repetition, WearerRepetitions
 from vip_factors.tables import Quantity, Row, Table, json_text
-from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
+from vip_factors.viz.charts import GRID, INK, SOFT_INK, Figure, page, panel, save, seconds_axis, write
 from vip_factors.viz.colours import SIDE_COLOURS
 
 NAMES = ("repetitions.csv", "repetitions.json", "repetitions.png")
@@ -50,23 +49,19 @@ def repetition_table(wearer: WearerRepetitions) -> Table:
                 Quantity(repetition.start, decimals=1),
                 Quantity(repetition.end, decimals=1),
                 " / ".join(str(Quantity(seconds, decimals=1)) for seconds in tempo),
-                _centimetres(repetition.depth_m),
-                _degrees(repetition.depth_deg),
-                _degrees(repetition.left_less_right_deg),
+                _rounded(repetition.depth_m, 100),
+                _rounded(repetition.depth_deg),
+                _rounded(repetition.left_less_right_deg),
                 Quantity(repetition.flight_s, decimals=2),
-                _centimetres(repetition.flight_height_m),
-                _centimetres(repetition.rise_m),
+                _rounded(repetition.flight_height_m, 100),
+                _rounded(repetition.rise_m, 100),
             )
         )
     return Table(head, rows, f"{wearer.name or 'wearer'}: {wearer.counts}", words=3)
 
 
-def _centimetres(length: Measured) -> Quantity:
-    return Quantity(100 * length.value, 100 * length.sigma)
-
-
-def _degrees(angle: Measured) -> Quantity:
-    return Quantity(angle.value, angle.sigma)
+def _rounded(measured: Measured, scale: int = 1) -> Quantity:
+    return Quantity(scale * measured.value, scale * measured.sigma)
 
 
 def numbered(repetitions: Sequence[Repetition]) -> Iterator[tuple[int, Repetition]]:
@@ -103,24 +98,16 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
     with atomic_open(json_file, "w", overwrite) as file:
         repetitions = {wearer.name: [asdict(repetition) for repetition in wearer.repetitions] for wearer in wearers}
         file.write(json_text(repetitions, decimals=5))
-    draw_repetitions(wearers, picture, overwrite)
-    return paths
-
-
-def draw_repetitions(wearers: Sequence[WearerRepetitions], path: Path, overwrite: bool = False) -> None:
-    """A picture (PNG): how high hips and mass are and how far knees and elbows bend, repetitions shaded and numbered.
-
-    Raises:
-        InputError: if the file exists and must not be overwritten, or is not named ``.png``.
-    """
     height = 60 + 3 * ROW_HEIGHT
     figure = page(WIDTH, height * len(wearers) + 30)
     for number, wearer in enumerate(wearers):
         _draw_wearer(figure, number * height, wearer)
-    save(figure, path, overwrite)
+    save(figure, picture, overwrite)
+    return paths
 
 
-def _draw_wearer(figure: Any, top: float, wearer: WearerRepetitions) -> None:
+def _draw_wearer(figure: Figure, top: float, wearer: WearerRepetitions) -> None:
+    """How high hips and mass are and how far knees and elbows bend, repetitions shaded and numbered."""
     signals, time = wearer.signals, wearer.signals.time
     write(figure, (30, top + 36), wearer.summary()[0], 22, weight="bold")
     floor = float(np.median(signals.lower_foot))
@@ -144,10 +131,10 @@ def _draw_wearer(figure: Any, top: float, wearer: WearerRepetitions) -> None:
         for number, repetition in numbered(wearer.repetitions):
             if (repetition.kind == "curl") != (row == 2):
                 continue
-            axes.axvspan(repetition.start, repetition.end, color=KIND_COLOURS[repetition.kind], alpha=0.18, linewidth=0)
-            axes.axvline(repetition.turn, color=KIND_COLOURS[repetition.kind], linewidth=1)
+            colour = KIND_COLOURS[repetition.kind]
+            axes.axvspan(repetition.start, repetition.end, color=colour, alpha=0.18, linewidth=0)
+            axes.axvline(repetition.turn, color=colour, linewidth=1)
             if row != 1:
-                colour = KIND_COLOURS[repetition.kind]
                 place, units = (repetition.turn, 0.98), ("data", "axes fraction")
                 label = f" {repetition.kind} {number}"
                 axes.annotate(label, place, xycoords=units, ha="left", va="top", size=12, color=colour)

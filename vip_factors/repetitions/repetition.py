@@ -14,6 +14,7 @@ from vip_factors.body.skeleton import SIDES, joint_index
 from vip_factors.display import Summarised
 from vip_factors.estimate import WearerEstimate, dataframe
 from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.sensors.imu_stream import low_passed
 
 if TYPE_CHECKING:
     import pandas
@@ -118,16 +119,6 @@ def signals_of(wearer: WearerEstimate) -> Signals:
     mass_height, sole = (low_passed(signal, motion.rate, force_hz) for signal in (_mass_height(raw), sole))
     p = low_passed(raw, motion.rate, MOVEMENT_HZ)
     return Signals(motion, motion.time, angles, sigmas, p, mass_height, sole, height_sigma)
-
-
-def low_passed(values: Array, rate: float, cut_hz: float) -> Array:
-    """Values ``(T, …)`` without what is quicker, nowhere delayed; as they are if there is nothing quicker in them."""
-    from scipy.signal import butter, sosfiltfilt  # late: it takes long to load
-
-    shortest = 16  # frames: the filter runs in over fewer, at both ends
-    if cut_hz >= 0.5 * rate or len(values) < shortest:
-        return values
-    return np.asarray(sosfiltfilt(butter(2, cut_hz, fs=rate, output="sos"), values, axis=0))
 
 
 def _mass_height(p: Array) -> Array:

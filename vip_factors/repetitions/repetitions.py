@@ -14,7 +14,7 @@ import numpy as np
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import SIDES
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.repetitions.repetition import (
     UNKNOWN,
@@ -26,6 +26,7 @@ from vip_factors.repetitions.repetition import (
     WearerRepetitions,
     signals_of,
 )
+from vip_factors.sensors.imu_stream import runs
 
 GRAVITY = 9.81  # m/s²
 LEAST_DEPTH = 0.12  # lengths of a leg: who walks sinks by 0.09 at most, shallow squats are 0.18 and deeper
@@ -44,17 +45,12 @@ class _Low:
     end: float
 
 
-def all_repetitions(estimate: Estimate) -> tuple[WearerRepetitions, ...]:
-    """Detect the repetitions of every wearer, with standard deviations if the estimate has a covariance.
+def repetitions_of(wearer: WearerEstimate) -> WearerRepetitions:
+    """Detect the repetitions of one wearer, with standard deviations if the estimate has a covariance.
 
     Raises:
-        InputError: if one has no frames.
+        InputError: if it has no frames.
     """
-    return tuple(repetitions_of(wearer) for wearer in estimate.wearers)
-
-
-def repetitions_of(wearer: WearerEstimate) -> WearerRepetitions:
-    """Detect the repetitions of one wearer; see :func:`all_repetitions`."""
     name = wearer.motion.name or wearer.name
     if not len(wearer.motion):
         raise InputError(f"estimate of '{name}' has no frames: expected a motion to look for repetitions in")
@@ -201,9 +197,8 @@ class _Flight:
 def _flights(signals: Signals) -> Iterator[_Flight]:
     """Find the phases of free fall that are long enough, with both feet off the floor."""
     least_s = 0.23  # of a fall: runs 0.16, a step with a kick 0.21, a jump of 12 cm 0.25
-    falls = np.concatenate([[False], signals.fall > 0.5 * GRAVITY, [False]])
-    edges = np.flatnonzero(np.diff(falls.astype(int)))
-    for start, stop in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True):
+    for start, end_frame in runs(signals.fall > 0.5 * GRAVITY).tolist():
+        stop = end_frame - 1
         if (stop - start) / signals.motion.rate < least_s:
             continue
         top = start + int(np.argmax(signals.mass_height[start : stop + 1]))

@@ -30,7 +30,7 @@ from vip_factors.gait import files as gait_files
 from vip_factors.io.live_json import VERSION, guessed_angles
 from vip_factors.io.video import with_videos
 from vip_factors.repetitions.files import repetition_table
-from vip_factors.repetitions.repetitions import all_repetitions
+from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.report import sections
 from vip_factors.report.report_data import (
     ReportData,
@@ -211,7 +211,8 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
         "angles": lambda: [sections.angle_section(wearer, with_camera) for wearer in wearers],
         "gait": lambda: [sections.gait_section(wearer, with_camera, str(data.estimate.verdict)) for wearer in wearers],
         "repetitions": lambda: [
-            replace(repetition_table(exercises), title=exercises.counts) for exercises in all_repetitions(data.estimate)
+            replace(repetition_table(exercises), title=exercises.counts)
+            for exercises in map(repetitions_of, data.estimate.wearers)
         ],
         "fit_charts": lambda: sections.fit_charts(data),
         "truth": lambda: sections.truth_table(data),

@@ -181,6 +181,21 @@ def gaps_of(time: Array) -> Array:
 LATEST_S = 4e9  # 127 years: above seconds since 1970, and small enough for nanoseconds in 64 bits
 
 
+def runs(is_inside: np.ndarray) -> np.ndarray:
+    """First index and the one after the last ``(n, 2)`` of each stretch of a mask ``(N,)``."""
+    return np.flatnonzero(np.diff(np.r_[False, is_inside, False].astype(int))).reshape(-1, 2)
+
+
+def low_passed(values: Array, rate: float, cut_hz: float) -> Array:
+    """Values ``(T, …)`` without what is quicker, nowhere delayed; as they are if there is nothing quicker in them."""
+    from scipy.signal import butter, sosfiltfilt  # late: it takes long to import
+
+    shortest = 16  # frames: the filter runs in over fewer, at both ends
+    if cut_hz >= 0.5 * rate or len(values) < shortest:
+        return values
+    return np.asarray(sosfiltfilt(butter(2, cut_hz, fs=rate, output="sos"), values, axis=0))
+
+
 def usable_times(time: Array) -> np.ndarray:
     """Mask of possible times, in seconds from a recording's start or since 1970."""
     return np.asarray(np.abs(time) <= LATEST_S)  # NaN is not

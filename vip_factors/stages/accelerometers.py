@@ -15,7 +15,7 @@ from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
+from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream, runs
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sources import frames_of
 from vip_factors.settings import CommonSettings
@@ -261,8 +261,7 @@ def _runs(axis: Array, end: float) -> list[tuple[int, int]]:
     """First sample and the one after the last of each run at an end of the range, of two samples or more."""
     same = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
     at_end = np.abs(axis - end) < same * abs(end)
-    edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= 2]
+    return [(a, b) for a, b in runs(at_end).tolist() if b - a >= 2]
 
 
 def longest_repeat(stream: ImuStream) -> float:
@@ -275,7 +274,7 @@ def longest_repeat(stream: ImuStream) -> float:
     same = np.logical_and.reduce(
         [np.all(np.diff(signal.reshape(len(signal), -1), axis=0) == 0, axis=1) for signal in measured]
     )
-    starts, ends = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int))).reshape(-1, 2).T
+    starts, ends = runs(same).T
     return float(np.max(stream.time[ends] - stream.time[starts], initial=0.0))
 
 

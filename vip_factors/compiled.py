@@ -6,6 +6,7 @@
 import importlib
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from types import ModuleType
 from typing import Any
@@ -19,16 +20,10 @@ OnStack = Callable[[ArrayLike], NDArray[np.float64]]
 Kernels = ModuleType | None  # the argument of a function that has a kernel: None for NumPy, which defines it
 
 
-def _extension_module() -> Any:
-    if os.environ.get("VIP_FACTORS_PURE"):
-        return None
-    try:
-        return importlib.import_module("vip_factors._kernels")
-    except ImportError:
-        return None
-
-
-kernels = _extension_module()  # None where there is none
+kernels: Any = None  # where there is no extension module
+if not os.environ.get("VIP_FACTORS_PURE"):
+    with suppress(ImportError):
+        kernels = importlib.import_module("vip_factors._kernels")
 
 
 def compiled(of: tuple[int, ...], to: tuple[int, ...]) -> Callable[[OnStack], OnStack]:

@@ -194,7 +194,8 @@ class FindingLog:
         measured = {finding.about: finding.numbers.keys() for finding in reported}
         for subject, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
             if subject not in measured or not finding.numbers.keys() <= measured[subject]:
-                self.tally(subject, start, partial(_in_windows, finding), wait=math.inf)
+                in_windows = partial(lambda finding, count: replace(finding, more_windows=count - 1), finding)
+                self.tally(subject, start, in_windows, wait=math.inf)
 
     def close(self) -> None:
         """Report all events that were only counted."""
@@ -215,10 +216,6 @@ class FindingLog:
         self.add(tally.finding(tally.count))
         tally.count, tally.reported, tally.due = 0, now, math.inf
         tally.reports += 1
-
-
-def _in_windows(finding: Finding, count: int) -> Finding:
-    return replace(finding, more_windows=count - 1)
 
 
 KINDS = msgspec.toml.decode(Path(__file__).with_name("finding_kinds.toml").read_bytes(), type=dict[str, Kind])

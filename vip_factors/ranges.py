@@ -3,7 +3,7 @@
 import math
 import sys
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from vip_factors.errors import InputError
@@ -62,6 +62,9 @@ class RangeError(InputError):
         self.name, self.reason = name, reason
 
 
+_HINTS = cache(partial(get_type_hints, include_extras=True))
+
+
 def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
     """Refuse a number among settings that is out of its range.
 
@@ -76,7 +79,7 @@ def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
     Raises:
         RangeError: for the first number that is out of its range; it is named with its value and the range.
     """
-    hints = _hints(settings.__class__)
+    hints = _HINTS(settings.__class__)
     for field in fields(settings):
         value, name = getattr(settings, field.name), f"{prefix}{field.name}"
         if is_dataclass(value):
@@ -87,11 +90,6 @@ def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
                 raise RangeError(name, f"is {value}: expected {allowed}")
         elif isinstance(value, tuple) and not all(math.isfinite(n) for n in value if isinstance(n, float)):
             raise RangeError(name, f"is {value}: expected finite numbers")
-
-
-@cache
-def _hints(settings: type[object]) -> dict[str, Any]:
-    return get_type_hints(settings, include_extras=True)
 
 
 def _stated(hint: Any) -> Range | None:

@@ -157,8 +157,12 @@ def likely_body(
     skeleton = skeleton_of_lengths(scale * posterior.mean[1:], f"{', '.join(provenance)}; prior over bodies")
     covariance = scale**2 * posterior.covariance[1 : count + 1, 1 : count + 1]
     variation = BodyVariation.about_mean(skeleton, covariance)
+    offsets = skeleton.p_parent_joint.copy()
+    for joint, metres in halves.items():  # limbs whose sides differ
+        along = offsets[joint_index(joint)]
+        offsets[joint_index(joint)] = along * (1 + metres / np.linalg.norm(along))
     note = _note(stature_m, excess_sigmas, *adults.stature)
-    return LikelyBody(apply_sides(skeleton, halves), variation, note)
+    return LikelyBody(Skeleton(offsets, skeleton.landmarks, skeleton.source), variation, note)
 
 
 def skeleton_from_stature(
@@ -222,7 +226,7 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
         if not low <= metres <= high:
             raise InputError(f"segment length {name} = {metres:g} m: expected metres, between {low:g} and {high:g}")
         if name in WHOLE:
-            rows.append((_row(WHOLE[name]), metres))
+            rows.append((np.array([WHOLE[name].get(length, 0.0) for length in BODY_LENGTHS]), metres))
             continue
         side, _, limb = name.partition("_") if name.startswith(("left_", "right_")) else ("", "", name)
         limb = limb.replace("_", " ")
@@ -236,22 +240,9 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
     halves: dict[str, float] = {}
     for limb, lengths in sides.items():
         mean = float(np.mean(list(lengths.values())))
-        rows.append((_row({limb: 1.0}), mean))
+        rows.append((np.array([float(length == limb) for length in BODY_LENGTHS]), mean))
         halves |= {f"{side}_{LIMB_ENDS[limb]}": metres - mean for side, metres in lengths.items()}
     return rows, halves
-
-
-def apply_sides(skeleton: Skeleton, halves: Mapping[str, float]) -> Skeleton:
-    """Lengthen limbs of a skeleton by metres, by the joint at their end."""
-    offsets = skeleton.p_parent_joint.copy()
-    for joint, metres in halves.items():
-        along = offsets[joint_index(joint)]
-        offsets[joint_index(joint)] = along * (1 + metres / np.linalg.norm(along))
-    return Skeleton(offsets, skeleton.landmarks, skeleton.source)
-
-
-def _row(lengths: Mapping[str, float]) -> Array:
-    return np.array([lengths.get(name, 0.0) for name in BODY_LENGTHS])
 
 
 # m, lower bound for any combination of lengths: soft tissue and a detector's bias are alike in every frame, so that the

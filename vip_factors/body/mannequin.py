@@ -145,8 +145,12 @@ def mannequin(skeleton: Skeleton) -> tuple[Segment, ...]:
 
 def _segment(row: _Row, skeleton: Skeleton, stature: float, side: str, sign: float) -> Segment | None:
     bone = row.bone if row.bone in JOINT_NAMES else side + row.bone
-    end = _far_end(skeleton, row.end if row.end in (*JOINT_NAMES, "head_top") else side + row.end)
-    if end is None:
+    end_name = row.end if row.end in (*JOINT_NAMES, "head_top") else side + row.end
+    if end_name in JOINT_NAMES:
+        end = skeleton.p_parent_joint[joint_index(end_name)]
+    elif end_name in skeleton.landmarks:
+        end = skeleton.landmarks[end_name].p_bone_point
+    else:
         return None
     start, stop = (
         share * end + 1e-3 * stature * np.array([sign * leftward, up, forward])
@@ -157,10 +161,3 @@ def _segment(row: _Row, skeleton: Skeleton, stature: float, side: str, sign: flo
         length = float(np.linalg.norm(end))
         stop = stop - end * min(radius_stop / length, 1.0) if length > 0 else stop
     return Segment(joint_index(bone), start, stop, radius_start, radius_stop)
-
-
-def _far_end(skeleton: Skeleton, end: str) -> Array | None:
-    if end in JOINT_NAMES:
-        return skeleton.p_parent_joint[joint_index(end)]
-    landmark = skeleton.landmarks.get(end)
-    return None if landmark is None else landmark.p_bone_point

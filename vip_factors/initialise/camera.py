@@ -249,21 +249,18 @@ def in_camera_axes(camera: Camera, rough_path: CameraPath) -> Camera:
     if odometry is None or camera.odometry is None or len(rough_path) < 2:
         return camera
     span = min(max(1, int(np.searchsorted(rough_path.time, rough_path.time[0] + COMPARED_S))), len(rough_path) - 1)
-    measured, expected = (_motions(path, span) for path in (odometry.at(rough_path.time), rough_path))
+    motions = []  # turns and shifts over the span (2, T − span, 2): y and z in the camera's axes
+    for path in (odometry.at(rough_path.time), rough_path):
+        R, p = path.R_world_camera, path.p_world_camera
+        turns = log(transpose(R[:-span]) @ R[span:])
+        motions.append(np.stack([turns, np.einsum("tji,tj->ti", R[:-span], p[span:] - p[:-span])])[:, :, 1:])
+    measured, expected = motions
     norms = np.linalg.norm(measured, axis=2) * np.linalg.norm(expected, axis=2)
     agreement = np.sum(np.einsum("kti,kti->kt", measured, expected) / np.maximum(norms, 1e-12))
     if agreement >= 0:
         return camera
     R_world_camera = camera.odometry.R_world_camera @ np.diag([1.0, -1.0, -1.0])
     return replace(camera, odometry=replace(camera.odometry, R_world_camera=R_world_camera))
-
-
-def _motions(path: CameraPath, span: int) -> Array:
-    """Turns and shifts over ``span`` instants ``(2, T − span, 2)``, their y and z components in the camera's axes."""
-    R, p = path.R_world_camera, path.p_world_camera
-    turns = log(transpose(R[:-span]) @ R[span:])
-    shifts = np.einsum("tji,tj->ti", R[:-span], p[span:] - p[:-span])
-    return np.stack([turns, shifts])[:, :, 1:]
 
 
 def along_odometry(path: CameraPath, odometry: Odometry, rough_path: CameraPath) -> tuple[CameraPath, float]:
@@ -279,7 +276,12 @@ def along_odometry(path: CameraPath, odometry: Odometry, rough_path: CameraPath)
     if not stretches:
         return rough_path, 1.0
     longest = max(stretches, key=lambda stretch: stretch.stop - stretch.start)
-    scale = _scale(path.frames(longest), rough_path.frames(longest)) if odometry.is_scale_free else 1.0
+    scale = 1.0
+    if odometry.is_scale_free:  # by least squares
+        segment, target = path.frames(longest), rough_path.frames(longest)
+        turn = robust_mean_rotation(target.R_world_camera @ transpose(segment.R_world_camera))
+        centred, expected = (p - p.mean(axis=0) for p in (segment.p_world_camera @ turn.T, target.p_world_camera))
+        scale = max(float(np.sum(centred * expected) / max(np.sum(centred**2), 1e-12)), 1e-3)
     for stretch in stretches:
         segment, target = path.frames(stretch), rough_path.frames(stretch)
         turn = robust_mean_rotation(target.R_world_camera @ transpose(segment.R_world_camera))
@@ -287,10 +289,3 @@ def along_odometry(path: CameraPath, odometry: Odometry, rough_path: CameraPath)
         R_world_camera[stretch] = turn @ segment.R_world_camera
         p_world_camera[stretch] = p_turned + np.median(target.p_world_camera - p_turned, axis=0)
     return CameraPath(rough_path.time, R_world_camera, p_world_camera), scale
-
-
-def _scale(path: CameraPath, target: CameraPath) -> float:
-    """Least squares scale of a path to poses at the same instants; at least a thousandth."""
-    turn = robust_mean_rotation(target.R_world_camera @ transpose(path.R_world_camera))
-    centred, expected = (p - p.mean(axis=0) for p in (path.p_world_camera @ turn.T, target.p_world_camera))
-    return max(float(np.sum(centred * expected) / max(np.sum(centred**2), 1e-12)), 1e-3)

@@ -15,12 +15,12 @@ from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_signals import (
     GRID_HZ,
+    LIMBS,
     ImageTrack,
     Signal,
     image_rate,
     limb_directions,
     limb_in_image,
-    limb_indices,
     rate_of,
     rotations_on,
     smoothed,
@@ -145,13 +145,14 @@ def _limb_curves(
     turned = rotations_on(mount.imu, imu) if camera.moving and mount is not None and mount.is_declared else None
     if turned is not None and mount is not None:
         turned = mount.R_camera_imu @ np.swapaxes(turned[0], -1, -2), turned[1]
-    images: dict[tuple[int, int], Signal] = {}
+    images, names = dict[tuple[int, int], Signal](), camera.detections.keypoints.keypoints
     curves = []
     for number, recording in enumerate(scene.wearers):
         for sensor, direction in limb_directions(recording, imu).items():
-            limb = limb_indices(camera.detections.keypoints, recording.placement.site(sensor).bone)
-            if limb is None:
+            near, far = LIMBS[recording.placement.site(sensor).bone]
+            if near not in names or far not in names:
                 continue
+            limb = names.index(near), names.index(far)
             if limb not in images:
                 images[limb] = limb_in_image(track, limb, video, width)
             image = images[limb]

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
@@ -150,14 +149,6 @@ def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, width: 
     jump = np.flatnonzero(np.abs(np.diff(values, axis=0)).max(axis=1) > 0.25)  # of a limb: swapped sides
     values[jump] = values[jump + 1] = np.nan
     return image_rate(track.time, values, grid, width)
-
-
-def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
-    """Indices of the keypoints that define a bone's direction; None if the set lacks them."""
-    names = LIMBS.get(bone, ("", ""))
-    if any(name not in keypoints.keypoints for name in names):
-        return None
-    return keypoints.keypoints.index(names[0]), keypoints.keypoints.index(names[1])
 
 
 def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:

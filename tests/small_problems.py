@@ -10,11 +10,10 @@ from linear import dense
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.system import SceneSystem, Steps
 from vip_factors.body.anthropometry import likely_body
-from vip_factors.body.hinges import HINGE_VARIABLES
+from vip_factors.body.joint_priors import HINGE_VARIABLES, load_joint_limits, load_pose_prior
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import held_pose, joint_index
 from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
 from vip_factors.geometry.rotations import exp

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
+from vip_factors.body.joint_priors import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.model_errors import FILMED, LENGTH, UNFILMED, ModelErrors, shape_factor
 from vip_factors.body.skeleton import JOINT_NAMES

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vip_factors.body.pose_prior import joint_vector, mirror_joint_vector
+from vip_factors.body.joint_priors import joint_vector, mirror_joint_vector
 from vip_factors.body.skeleton import POSES, calibration_pose, held_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between

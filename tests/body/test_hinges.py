@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.body.hinges import (
+from vip_factors.body.joint_priors import (
     HINGE_OF,
     HINGE_SIGMAS,
     HINGE_VARIABLES,

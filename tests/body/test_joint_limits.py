@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.body.pose_prior import POSE_SIZE, load_joint_limits, load_pose_prior, mirror_joint_vector
+from vip_factors.body.joint_priors import POSE_SIZE, load_joint_limits, load_pose_prior, mirror_joint_vector
 from vip_factors.body.skeleton import joint_index
 
 

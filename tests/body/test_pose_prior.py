@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.joint_priors import POSE_SIZE, joint_vector, load_pose_prior, mirror_joint_vector
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.pose_prior import POSE_SIZE, joint_vector, load_pose_prior, mirror_joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp
 

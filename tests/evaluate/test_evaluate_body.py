@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import likely_body
-from vip_factors.body.hinges import HingePrior
+from vip_factors.body.joint_priors import HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import LENGTH

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vip_factors.body.joint_priors import PosePrior, load_pose_prior
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.pose_prior import PosePrior, load_pose_prior
 from vip_factors.body.skeleton import ancestors, contact_points, joint_index
 from vip_factors.geometry.rotations import angle_between, exp, rotation_y, rotation_z, transpose
 from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, first_poses, standing_path

@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from vip_factors.body.anthropometry import LengthPrior, skeleton_from_stature
-from vip_factors.body.hinges import HINGE_OF, HingeEstimate
+from vip_factors.body.joint_priors import HINGE_OF, HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_NAMES

@@ -7,7 +7,7 @@ import numpy as np
 from filmed_gestures import HASTY, QUICK
 
 from vip_factors.body.anthropometry import LengthPrior, likely_body, skeleton_from_stature
-from vip_factors.body.hinges import HINGE_OF, HingeEstimate
+from vip_factors.body.joint_priors import HINGE_OF, HingeEstimate
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import Skeleton

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.joint_priors import load_joint_limits, load_pose_prior
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import joint_index
 from vip_factors.factor_settings import ContactFrom, FactorSettings, GroundContactSettings
 from vip_factors.problem.scene import KeypointView

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.joint_priors import POSE_SIZE, JointLimits, load_pose_prior
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import BodyState, forward_kinematics
-from vip_factors.body.pose_prior import POSE_SIZE, JointLimits, load_pose_prior
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
 from vip_factors.factor_settings import CameraFactorSettings, FactorSettings, RobustLoss
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_z, transpose

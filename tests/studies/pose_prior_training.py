@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from vip_factors.body.joint_priors import POSE_SIZE, PosePrior, joint_vector, load_joint_limits, mirror_joint_vector
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.pose_prior import POSE_SIZE, PosePrior, joint_vector, load_joint_limits, mirror_joint_vector
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array

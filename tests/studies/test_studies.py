@@ -11,7 +11,7 @@ import pytest
 
 from tests.studies.__main__ import STUDIES, main, study_of
 from tests.studies.study import Study, columns, plain, run, table
-from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.joint_priors import load_pose_prior
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.export.animation import write_bvh

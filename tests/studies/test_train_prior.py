@@ -13,8 +13,8 @@ from tests.studies.pose_prior_training import (
     train_pose_prior,
 )
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.joint_priors import POSE_SIZE, PosePrior, load_pose_prior
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.pose_prior import POSE_SIZE, PosePrior, load_pose_prior
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp

@@ -24,7 +24,7 @@ from tests.studies.pose_prior_training import (
 from tests.studies.study import Study, Tell
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.anthropometry import BodyPrior
-from vip_factors.body.pose_prior import PosePrior
+from vip_factors.body.joint_priors import PosePrior
 from vip_factors.cli.options import Output
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from vip_factors.assembly.charts import Charts
+from vip_factors.body.joint_priors import POSE_SIZE
 from vip_factors.body.kinematics import MOVES, BodyState, twists_at
-from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import FRAME, ROOT, STATIC, ColumnRange, Layout
 from vip_factors.solve.slices import Blocks

@@ -11,7 +11,7 @@ import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.charts import Charts
-from vip_factors.body.hinges import TILTS
+from vip_factors.body.joint_priors import TILTS
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.compiled import kernels

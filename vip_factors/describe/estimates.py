@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.joint_priors import HingeEstimate
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, LIMBS, joint_index
 from vip_factors.describe.recordings import clock_rows, image_text, motion_facts, path_text

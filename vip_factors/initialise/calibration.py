@@ -14,8 +14,8 @@ from itertools import accumulate
 import numpy as np
 import scipy
 
+from vip_factors.body.joint_priors import PosePrior
 from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
-from vip_factors.body.pose_prior import PosePrior
 from vip_factors.body.skeleton import (
     JOINT_COUNT,
     PARENTS,

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from vip_factors.body.pose_prior import JointLimits, PosePrior
+from vip_factors.body.joint_priors import JointLimits, PosePrior
 from vip_factors.body.skeleton import Skeleton, ancestors, joint_index
 from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix

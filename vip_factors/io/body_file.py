@@ -34,7 +34,7 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open
 from vip_factors.body.anthropometry import LengthPrior
-from vip_factors.body.hinges import HINGE_OF, HingeEstimate
+from vip_factors.body.joint_priors import HINGE_OF, HingeEstimate
 from vip_factors.body.lengths import LENGTHS, STRETCHED, lengths_of, stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError, nearest

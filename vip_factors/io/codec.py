@@ -32,7 +32,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from vip_factors.body.anthropometry import LengthPrior
-from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.joint_priors import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError, InputError

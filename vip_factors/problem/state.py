@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.body.hinges import HINGE_VARIABLES
+from vip_factors.body.joint_priors import HINGE_VARIABLES
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_COUNT

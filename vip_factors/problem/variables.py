@@ -9,10 +9,9 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from vip_factors.body.hinges import HINGE_VARIABLES
+from vip_factors.body.joint_priors import HINGE_VARIABLES, POSE_SIZE
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS
-from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.problem.layout import FRAME, POSE, ROOT, FrameBlock, Layout, Manifold, Owner, OwnerId, StaticBlock
 from vip_factors.problem.scene import CameraProblem, SceneProblem

@@ -6,10 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from vip_factors.body.hinges import HingePrior
+from vip_factors.body.joint_priors import HingePrior, JointLimits, PosePrior
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import BodyVariation
-from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import HeldPose, Skeleton
 from vip_factors.display import Summarised
 from vip_factors.factor_settings import FactorSettings

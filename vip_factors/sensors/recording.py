@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vip_factors.body.anthropometry import LengthPrior, LikelyBody, likely_body
-from vip_factors.body.hinges import HingeEstimate, HingePrior
+from vip_factors.body.joint_priors import HingeEstimate, HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
+from vip_factors.body.joint_priors import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import PARENTS, Skeleton, held_pose, joint_index
 from vip_factors.estimate import StartChoice
 from vip_factors.findings import Finding

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
+from vip_factors.body.joint_priors import joint_vector, load_joint_limits
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.body.pose_prior import joint_vector, load_joint_limits
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import RecordingError
 from vip_factors.estimate import BodyEstimate, WearerEstimate

@@ -7,8 +7,8 @@ from itertools import zip_longest
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from vip_factors.body.joint_priors import joint_vector
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import held_pose
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_smoothly

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.body.joint_priors import load_joint_limits, load_pose_prior
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import BodyVariation
-from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import contact_points, held_pose
 from vip_factors.factor_settings import FootContactSettings
 from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, standing_path

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.associate.associate import Association
-from vip_factors.body.hinges import HingeEstimate, hinge_estimates
+from vip_factors.body.joint_priors import HingeEstimate, hinge_estimates
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS, lengths_of

@@ -15,8 +15,8 @@ from itertools import zip_longest
 import numpy as np
 
 from vip_factors.associate.hypothesis import CAUCHY, WearerPoints, hypotheses, keypoint_sigma, used_confidence
+from vip_factors.body.joint_priors import load_joint_limits, load_pose_prior
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import LIMBS, POSES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from vip_factors.body.hinges import HINGES, ROWS, TILTS
+from vip_factors.body.joint_priors import HINGES, ROWS, TILTS
 from vip_factors.factor_settings import SQUARE, HingeSettings
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations

@@ -12,9 +12,8 @@ from live_sender import delimited, live_messages, write_messages
 from live_streams import QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.open import RecordingSource, StandardInputSource, open_source
+from vip_factors.io.live.open import RecordingSource, open_source
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.io.settings import LiveSourceSettings
 
 
 def test_a_recording_is_read_as_fast_as_it_goes_and_nothing_is_dropped(tmp_path: Path) -> None:
@@ -44,7 +43,7 @@ def test_leaving_early_ends_the_reader() -> None:
     assert not source._thread.is_alive()
 
 
-def piped(data: bytes, settings: LiveSourceSettings = QUICK):  # type: ignore[no-untyped-def]
+def piped(data: bytes, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-untyped-def]
     """What arrives of bytes through a pipe."""
     out, into = os.pipe()
 
@@ -52,11 +51,10 @@ def piped(data: bytes, settings: LiveSourceSettings = QUICK):  # type: ignore[no
         with open(into, "wb") as stream:
             stream.write(data)
 
-    try:
-        with Background(write), StandardInputSource(settings, descriptor=out) as source:
+    with open(out, "rb") as standard_input:
+        monkeypatch.setattr(sys, "stdin", standard_input)
+        with Background(write), open_source("-", settings=QUICK) as source:
             return received(source)
-    finally:
-        os.close(out)
 
 
 def test_a_scene_arrives_over_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,10 +73,10 @@ def test_a_scene_arrives_over_standard_input(monkeypatch: pytest.MonkeyPatch) ->
     assert sentences == []
 
 
-def test_standard_input_ends_with_one_line_at_garbage() -> None:
+def test_standard_input_ends_with_one_line_at_garbage(monkeypatch: pytest.MonkeyPatch) -> None:
     messages = b"".join(map(delimited, list(live_messages(short_walk()))[:11]))
     for rest, complaint in ((b"\xff" * 64, "no live messages"), (b"\x7fxyz", "in the middle of a message")):
-        _, samples, (sentence,) = piped(messages + rest)
+        _, samples, (sentence,) = piped(messages + rest, monkeypatch)
         assert len(samples) == 10
         assert complaint in sentence
         assert sentence.startswith("standard input: ")
@@ -92,9 +90,11 @@ def test_standard_input_ends_with_one_line_at_garbage() -> None:
         (b"\x05ab", "in the middle of a message"),
     ],
 )
-def test_standard_input_without_a_header_is_an_input_error(data: bytes, complaint: str) -> None:
+def test_standard_input_without_a_header_is_an_input_error(
+    data: bytes, complaint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(InputError, match=complaint):
-        piped(data)
+        piped(data, monkeypatch)
 
 
 def test_closed_standard_input_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,22 +142,48 @@ def when_due(samples: Iterable[LiveSample], wait: Callable[[float], object]) -> 
         yield sample
 
 
-def delimited_messages(stream: BinaryIO) -> Iterator[bytes]:
-    """The messages of a delimited stream that is open for reading, each after its length as a varint.
+class StandardInputSource(LiveSource):
+    """Standard input; what comes through a pipe faster than it is tracked is dropped, a file waits."""
 
-    Raises:
-        FileFormatError: for a length that no message has, or an end in the middle of a message.
-    """
-    while (length := _length(stream)) is not None:
-        if length > LARGEST_MESSAGE:
-            raise FileFormatError(
-                f"a message of {length:,} bytes is announced: expected at most {LARGEST_MESSAGE:,}: the bytes are no "
-                "live messages"
-            )
-        data = stream.read(length)
-        if len(data) < length:
-            raise _cut_off(length - len(data))
-        yield data
+    def __init__(self, settings: LiveSourceSettings = DEFAULT) -> None:
+        try:
+            self._descriptor = sys.stdin.fileno()
+            is_file = stat.S_ISREG(os.fstat(self._descriptor).st_mode)
+        except (AttributeError, OSError, ValueError) as error:
+            raise InputError("standard input is closed: expected a sender's live messages") from error
+        if os.isatty(self._descriptor):
+            raise InputError("standard input is a terminal: pipe a sender's live messages into it")
+        super().__init__("standard input", settings, drops=not is_file)
+
+    def _read(self) -> None:
+        client = Client(Session(self._queue.put), self.name)
+        reason = follow(client, io.BufferedReader(_Pipe(self._descriptor, self._may_read)))
+        client.leave("" if self._stop.is_set() else reason)
+
+    def _may_read(self) -> bool:
+        """Return whether to read on, after a pause if the tracker is behind."""
+        if self._queue.is_behind:
+            self._stop.wait(PAUSE_S)
+        return not self._stop.is_set()
+
+
+class _Pipe(io.RawIOBase):
+    """Raw input from a descriptor, read while ``may_read`` returns True."""
+
+    def __init__(self, descriptor: int, may_read: Callable[[], bool]) -> None:
+        self._descriptor, self._may_read = descriptor, may_read
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: "WriteableBuffer", /) -> int:
+        view = memoryview(buffer)
+        while self._may_read():
+            if select.select([self._descriptor], [], [], POLL)[0]:
+                data = os.read(self._descriptor, len(view))
+                view[: len(data)] = data
+                return len(data)
+        return 0
 
 
 def follow(client: Client, stream: BinaryIO) -> str:
@@ -172,83 +198,29 @@ def follow(client: Client, stream: BinaryIO) -> str:
     return "" if client.has_header else "the stream ended before a header came"
 
 
-def _length(stream: BinaryIO) -> int | None:
-    """The next varint; None at the end of the stream."""
-    length = 0
-    for number in range(VARINT_BYTES):
-        byte = stream.read(1)
-        if not byte:
-            if number:
-                raise _cut_off(1)
-            return None
-        length |= (byte[0] & 0x7F) << 7 * number
-        if byte[0] < 0x80:
-            return length
-    raise FileFormatError("the bytes are no live messages: expected each after its length as a varint")
+def delimited_messages(stream: BinaryIO) -> Iterator[bytes]:
+    """The messages of a delimited stream that is open for reading, each after its length as a varint.
 
-
-def _cut_off(missing: int) -> FileFormatError:
-    return FileFormatError(f"the stream ended in the middle of a message, at least {missing} bytes before its end")
-
-
-class StandardInputSource(LiveSource):
-    """Standard input, or any other descriptor that a sender writes to.
-
-    Args:
-        settings: as of every source.
-        descriptor: to read from instead; it stays open.
+    Raises:
+        FileFormatError: for a length that no message has, or an end in the middle of a message.
     """
-
-    def __init__(self, settings: LiveSourceSettings = DEFAULT, descriptor: int | None = None) -> None:
-        super().__init__("standard input", settings, drops=not _is_file(descriptor))
-        self._descriptor = descriptor
-
-    def _open(self) -> None:
-        if self._descriptor is None:
-            try:
-                self._descriptor = sys.stdin.fileno()
-            except (AttributeError, OSError, ValueError) as error:
-                raise InputError("standard input is closed: expected a sender's live messages") from error
-        if os.isatty(self._descriptor):
-            raise InputError("standard input is a terminal: pipe a sender's live messages into it")
-
-    def _read(self) -> None:
-        client = Client(Session(self._queue.put), self.name)
-
-        def wait() -> bool:
-            """Return whether to go on; called before each read."""
-            if self._queue.is_behind:
-                self._stop.wait(PAUSE_S)
-            return not self._stop.is_set()
-
-        assert self._descriptor is not None  # open
-        pipe = io.BufferedReader(_Pipe(self._descriptor, wait))
-        reason = follow(client, pipe)
-        client.leave("" if self._stop.is_set() else reason)
+    while head := stream.read(1):
+        while head[-1] >= 0x80 and len(head) < VARINT_BYTES:
+            head += _read_whole(stream, 1)
+        if head[-1] >= 0x80:
+            raise FileFormatError("the bytes are no live messages: expected each after its length as a varint")
+        length = sum((byte & 0x7F) << 7 * number for number, byte in enumerate(head))
+        if length > LARGEST_MESSAGE:
+            raise FileFormatError(
+                f"a message of {length:,} bytes is announced: expected at most {LARGEST_MESSAGE:,}: the bytes are no "
+                "live messages"
+            )
+        yield _read_whole(stream, length)
 
 
-class _Pipe(io.RawIOBase):
-    """Raw input from a descriptor, read while ``wait`` returns True."""
-
-    def __init__(self, descriptor: int, wait: Callable[[], bool]) -> None:
-        self._descriptor, self._wait = descriptor, wait
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: "WriteableBuffer", /) -> int:
-        view = memoryview(buffer)
-        while self._wait():
-            if select.select([self._descriptor], [], [], POLL)[0]:
-                data = os.read(self._descriptor, len(view))
-                view[: len(data)] = data
-                return len(data)
-        return 0
-
-
-def _is_file(descriptor: int | None) -> bool:
-    """Return whether a descriptor, standard input by default, is a file, which can wait."""
-    try:
-        return stat.S_ISREG(os.fstat(sys.stdin.fileno() if descriptor is None else descriptor).st_mode)
-    except (AttributeError, OSError, ValueError):
-        return False
+def _read_whole(stream: BinaryIO, size: int) -> bytes:
+    data = stream.read(size)
+    if len(data) < size:
+        missing = size - len(data)
+        raise FileFormatError(f"the stream ended in the middle of a message, at least {missing} bytes before its end")
+    return data

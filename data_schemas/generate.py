@@ -1,23 +1,18 @@
-"""Regenerate what is made from declarations; needs grpcio-tools (extra ``dev``).
+"""Regenerate ``vip_factors/io/schemas`` from the .proto files beside this script.
 
-``vip_factors/io/schemas`` comes from the .proto files beside this script, ``live_answer.schema.json`` from the classes
-in ``vip_factors/io/live_json.py``.
+It needs grpcio-tools (extra ``dev``).
 
 Generated modules run with the protobuf they were made for and later ones, so only the oldest grpcio-tools that
 pyproject.toml allows writes them: ``pip install . grpcio-tools==1.66.2`` in an environment of its own.
 """
 
-import json
 import re
 import sys
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
-import msgspec
 from grpc_tools import protoc
-
-from vip_factors.io.live_json import Answer
 
 SCHEMAS = Path(__file__).parent
 OLDEST_TOOLS = "1.66.2"
@@ -48,22 +43,9 @@ def generate(target: Path) -> None:
     build.rmdir()
 
 
-ANSWER_SCHEMA = SCHEMAS / "live_answer.schema.json"
-
-
-def answer_schema() -> str:
-    """The JSON Schema of an answer of ``vip-factors stream``, as text."""
-    head = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "vip-factors stream: the answer to a frame",
-    }
-    return json.dumps(head | msgspec.json.schema(Answer), indent=1, ensure_ascii=False) + "\n"
-
-
 if __name__ == "__main__":
     tools = version("grpcio-tools")
     if tools == OLDEST_TOOLS:
         generate(TARGET)
     else:
         print(f"grpcio-tools is {tools}: the schema modules stay as they are; {OLDEST_TOOLS} alone writes them")
-    ANSWER_SCHEMA.write_text(answer_schema(), encoding="utf-8")

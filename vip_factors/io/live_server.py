@@ -16,7 +16,7 @@ import msgspec
 
 from vip_factors.io.live.network import GOING, LOCAL, ConnectionClosed, Listener, ServerConnection, cut_off
 from vip_factors.io.live.source import POLL
-from vip_factors.io.live_json import Answer, FindingAnswer, LiveJsonEncoder
+from vip_factors.io.live_json import JsonObject, LiveJsonEncoder
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.scene import Scene
 
@@ -135,21 +135,21 @@ class _Reader:
         findings: from before.
     """
 
-    def __init__(self, connection: ServerConnection, findings: list[FindingAnswer]) -> None:
+    def __init__(self, connection: ServerConnection, findings: list[JsonObject]) -> None:
         self._connection = connection
         self._changed = Condition()
-        self._waiting: deque[tuple[Answer, bytes]] = deque()
-        self._missed: deque[FindingAnswer] = deque(findings, MOST_FINDINGS)  # of answers that were left out
+        self._waiting: deque[tuple[JsonObject, bytes]] = deque()
+        self._missed: deque[JsonObject] = deque(findings, MOST_FINDINGS)  # of answers that were left out
         self._sending_since = float("inf")
 
-    def put(self, answer: Answer, text: bytes) -> None:
+    def put(self, answer: JsonObject, text: bytes) -> None:
         """Add an answer; too many that wait are left out, and a stalled reader is cut off."""
         with self._changed:
             if time.monotonic() - self._sending_since > STALLED_S:
                 cut_off(self._connection)
             if len(self._waiting) >= MOST_WAITING:
                 for left_out, _ in self._waiting:
-                    self._missed.extend(left_out.findings)
+                    self._missed.extend(left_out["findings"])
                 self._waiting.clear()
             self._waiting.append((answer, text))
             self._changed.notify()
@@ -170,7 +170,7 @@ class _Reader:
             self._missed.clear()
             self._sending_since = time.monotonic()
         if missed:
-            text = msgspec.json.encode(msgspec.structs.replace(answer, findings=[*missed, *answer.findings]))
+            text = msgspec.json.encode(answer | {"findings": [*missed, *answer["findings"]]})
         self._connection.send(text, text=True)
         self._sending_since = float("inf")
         return True

@@ -64,7 +64,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _Notes().show
+            shown = set[str]()  # each once: a file that is read in several passes is as cut off in every one of them
+
+            def show(message: Warning | str, *_: object, **__: object) -> None:
+                line = printable(f"{PROGRAM}: note: {' '.join(str(message).split())}")
+                if line not in shown:
+                    shown.add(line)
+                    print(line, file=sys.stderr)
+
+            warnings.showwarning = show
             code = _dispatched(words)
             with naming_file(STANDARD_OUTPUT):
                 sys.stdout.flush()
@@ -112,20 +120,6 @@ def _run_without_command(words: Sequence[str]) -> NoReturn:
         commands.command(name=name, help=line)(options_of(name) if completes else lambda: None)
     commands.cli(prog=PROGRAM, description=DESCRIPTION, args=words)
     raise SystemExit(0)
-
-
-class _Notes:
-    """Warnings as lines, each once: a file that is read in several passes is as cut off in every one of them."""
-
-    def __init__(self) -> None:
-        self._told: set[str] = set()
-
-    def show(self, message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-        """A warning as one line: what was left out of a file, say; where in our code it arose helps nobody."""
-        line = printable(f"{PROGRAM}: note: {' '.join(str(message).split())}")
-        if line not in self._told:
-            self._told.add(line)
-            print(line, file=sys.stderr)
 
 
 def _sentence(error: Exception) -> str:

@@ -13,11 +13,10 @@ from vip_factors.cli.terminal import progress_bar, say, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.settings import MAX_OFFSET_S
-from vip_factors.simulate.settings import CameraKind, DetectorSettings, FilmSettings, SceneSettings, SimulateSettings
+from vip_factors.simulate.settings import DetectorSettings, FilmSettings, SceneSettings, SimulateSettings
 
 if TYPE_CHECKING:
     from vip_factors.initialise.clock import ClockOffset
-    from vip_factors.sensors.scene import Scene
 
 
 PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
@@ -81,21 +80,18 @@ def execute_simulate(options: SimulateOptions) -> None:
         )
         content = scene.wearers[0] if film.camera is None else scene
         write_recording(content, options.out, overwrite=options.overwrite)
-    say(_summary(scene, film.camera))
-    say(options.out)
-
-
-def _summary(scene: "Scene", camera: CameraKind | None) -> str:
     sensors = sum(len(wearer.imus) for wearer in scene.wearers)
-    if camera is None:
+    if film.camera is None:
         start, end = scene.wearers[0].interval
-        return f"{sensors} sensors, {end - start:.1f} s"
-    detections = [filmed.detections for filmed in scene.cameras]
-    further = f" and {len(detections) - 1} further" if len(detections) > 1 else ""
-    return (
-        f"{len(scene.wearers)} wearers with {sensors} sensors, {camera} camera{further}, "
-        f"{len(detections[0].time)} video frames, {sum(map(len, detections))} detections"
-    )
+        say(f"{sensors} sensors, {end - start:.1f} s")
+    else:
+        detections = [filmed.detections for filmed in scene.cameras]
+        further = f" and {len(detections) - 1} further" if len(detections) > 1 else ""
+        say(
+            f"{len(scene.wearers)} wearers with {sensors} sensors, {film.camera} camera{further}, "
+            f"{len(detections[0].time)} video frames, {sum(map(len, detections))} detections"
+        )
+    say(options.out)
 
 
 @dataclass(frozen=True)

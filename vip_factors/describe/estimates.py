@@ -32,12 +32,6 @@ LIMB_JOINTS = tuple(
 )
 
 
-def verdict_facts(estimate: Estimate) -> Table:
-    """Table of the verdict and the findings."""
-    findings = [(str(finding.severity), str(finding)) for finding in estimate.all_findings]
-    return facts("", ("verdict", str(estimate.verdict)), *findings)
-
-
 def figure_table(estimate: Estimate) -> Table:
     """Table of the main figures, each with a remark."""
     wearers = estimate.wearers
@@ -157,7 +151,9 @@ def calibration_table(wearer: WearerEstimate, recording: Recording | None = None
             turn = math.nan if site is None else float(angle_between(site.R_bone_sensor, sensor.R_bone_sensor))
             mounting = str(degrees(turn))
         where = bone_words(bone if site is None else site.bone) or UNKNOWN
-        rows.append((name, where, heading_text(sensor), _drift_text(sensor), mounting, _mounting_sigma_text(sensor)))
+        path = np.rad2deg(sensor.heading_path)
+        drift = f"{path[-1] - path[0]:+z.1f}°" if len(path) else UNKNOWN
+        rows.append((name, where, heading_text(sensor), drift, mounting, _mounting_sigma_text(sensor)))
     turned = "mounting, wxyz" if recording is None else "turned against its site"
     return Table(("sensor", "on", "heading", "drift to the end", turned, "known to"), rows, words=2)
 
@@ -174,11 +170,6 @@ def heading_text(sensor: SensorCalibration) -> str:
     if math.isfinite(sensor.heading_sigma) and sensor.heading_sigma <= gauge_sigma:
         return f"{degrees(heading)}, by convention"
     return str(degrees(heading, sensor.heading_sigma))
-
-
-def _drift_text(sensor: SensorCalibration) -> str:
-    path = np.rad2deg(sensor.heading_path)
-    return f"{path[-1] - path[0]:+z.1f}°" if len(path) else UNKNOWN
 
 
 def _mounting_sigma_text(sensor: SensorCalibration) -> str:
@@ -290,19 +281,11 @@ def setting_table(estimate: Estimate) -> Table:
     return Table(("setting", "value"), sorted(settings.items()), "settings", words=2, is_detail=True)
 
 
-def wearer_tables(wearer: WearerEstimate) -> Iterator[Table]:
-    """Yield all tables of one wearer."""
-    yield wearer_facts(wearer)
-    yield length_table(wearer.body)
-    yield hinge_table(wearer.body)
-    yield place_table(wearer)
-    yield calibration_table(wearer)
-
-
 def estimate_tables(estimate: Estimate, verbose: bool = False) -> Iterator[Table]:
     """Yield all tables of an estimate: verdict, cameras, then wearers; solver stages if verbose."""
     names, reports = [wearer.motion.name for wearer in estimate.wearers], estimate.all_reports
-    rows = [*verdict_facts(estimate).rows]
+    rows: list[Row] = [("verdict", str(estimate.verdict))]
+    rows += [(str(finding.severity), str(finding)) for finding in estimate.all_findings]
     if reports:
         unsettled = dict.fromkeys(report.stage for report in reports if not report.converged)
         stopped = f"; stopped before it settled: {', '.join(unsettled)}" if unsettled else ""
@@ -315,4 +298,8 @@ def estimate_tables(estimate: Estimate, verbose: bool = False) -> Iterator[Table
     yield detector_table(estimate.detector)
     yield solve_table(reports if verbose else (), with_cost=True)
     for wearer in estimate.wearers:
-        yield from wearer_tables(wearer)
+        yield wearer_facts(wearer)
+        yield length_table(wearer.body)
+        yield hinge_table(wearer.body)
+        yield place_table(wearer)
+        yield calibration_table(wearer)

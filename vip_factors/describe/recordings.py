@@ -8,12 +8,12 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.calibration import SITES, SensorSite, site_axes, site_name
+from vip_factors.sensors.calibration import SITES, site_axes, site_name
 from vip_factors.sensors.camera import CameraModel, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Camera, CameraTruth, Scene, Video
+from vip_factors.sensors.scene import Camera, CameraTruth, Scene
 from vip_factors.tables import MM, Quantity, Row, Table, bone_words, count, facts, joint_words
 
 STREAMS = {"R_inertial_sensor": "orientation", "specific_force": "acceleration", "angular_rate": "turning rate"}
@@ -59,7 +59,10 @@ def recording_facts(recording: Recording) -> Table:
 def sensor_table(recording: Recording, time: Mapping[str, Array] | None = None) -> Table:
     """Table of the sensors' sites and samples; ``time`` are sample times by sensor if samples were not read."""
     body = recording.subject.body()
-    sites = {site.sensor: _site_words(site, body) for site in recording.placement.sites}
+    sites = dict[str, str]()
+    for site in recording.placement.sites:
+        place = site_name(site, body)
+        sites[site.sensor] = f"{bone_words(site.bone)} (elsewhere)" if place is None else joint_words(place)
     start, end = recording.interval if recording.imus else (0.0, 0.0)
     rows = []
     for name, stream in recording.imus.items():
@@ -71,11 +74,6 @@ def sensor_table(recording: Recording, time: Mapping[str, Array] | None = None) 
         where = sites.get(name, "not placed, not used")
         rows.append((name, where, _stream_words(stream), str(len(samples)), rate, str(len(gaps)), missing))
     return Table(("sensor", "worn on", "measures", "samples", "rate", "gaps", "missing"), rows, words=3)
-
-
-def _site_words(site: SensorSite, body: Skeleton) -> str:
-    name = site_name(site, body)
-    return f"{bone_words(site.bone)} (elsewhere)" if name is None else joint_words(name)
 
 
 def _stream_words(stream: ImuStream) -> str:
@@ -103,7 +101,13 @@ def camera_facts(camera: Camera) -> Table:
     if camera.odometry is not None:
         scale = ", of unknown scale" if camera.scale_free_odometry else ""
         rows.append(("odometry", f"{count(len(camera.odometry), 'pose')}{scale}"))
-    rows += [*clock_rows(camera.clock), *detection_rows(camera.detections), *_video_rows(camera.video)]
+    rows += [*clock_rows(camera.clock), *detection_rows(camera.detections)]
+    video = camera.video
+    if video is not None and video.path is not None:
+        rows.append(("file", f"{video.path}{'' if video.path.is_file() else ' (not there)'}"))
+    if video is not None and video.images:
+        size = sum(map(len, video.images.values())) / 1e6
+        rows.append(("images", f"{count(len(video.images), 'frame')} embedded, {size:.1f} MB"))
     return facts(f"camera '{camera.name}', {'moving' if camera.moving else 'standing still'}", *rows)
 
 
@@ -144,16 +148,6 @@ def detection_rows(detections: Detections) -> list[Row]:
     if detections.torso_colour is not None:
         coloured = int(np.sum(np.isfinite(detections.torso_colour).all(axis=1)))
         rows.append(("colours of clothes", f"in {coloured} of them, to tell who is who"))
-    return rows
-
-
-def _video_rows(video: Video | None) -> list[Row]:
-    rows: list[Row] = []
-    if video is not None and video.path is not None:
-        rows.append(("file", f"{video.path}{'' if video.path.is_file() else ' (not there)'}"))
-    if video is not None and video.images:
-        size = sum(map(len, video.images.values())) / 1e6
-        rows.append(("images", f"{count(len(video.images), 'frame')} embedded, {size:.1f} MB"))
     return rows
 
 

@@ -7,7 +7,7 @@ import base64
 import json
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -124,23 +124,6 @@ def _least_certain_joint(wearer: ReportWearer, with_name: bool) -> list[str]:
 ROOM = "vip_factors.report"
 
 
-@dataclass(frozen=True)
-class ShownFilm:
-    """A film beside a page.
-
-    Attributes:
-        name: of the file.
-        camera: name of the camera.
-        start: second of the recording at which it begins.
-        pace: seconds of the recording in one of the film.
-    """
-
-    name: str
-    camera: str
-    start: float
-    pace: float
-
-
 def write_report(
     estimate: Estimate,
     path: str | os.PathLike[str],
@@ -173,7 +156,7 @@ def write_report(
     """
     if not isinstance(video, bool):
         scene = with_videos(scene, [video] if isinstance(video, str | os.PathLike) else video)
-    data, films = report_data(estimate, scene, truth), list[ShownFilm]()
+    data, films = report_data(estimate, scene, truth), list[dict[str, object]]()
     if video:
         from vip_factors.viz.film import film
 
@@ -190,7 +173,8 @@ def write_report(
                 on_progress=progress or silent,
             )
             pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
-            films.append(ShownFilm(file_path.name, camera.name, float(times[0]), pace))
+            shown = {"name": file_path.name, "camera": camera.name, "start": float(times[0]), "pace": pace}
+            films.append(shown)
     text = report_page(data, progress, films)
     with atomic_open(path, "w", overwrite) as file:
         file.write(text)
@@ -203,8 +187,17 @@ def film_paths(page: str | os.PathLike[str], cameras: Sequence[str]) -> list[Pat
     return [Path(page).with_suffix(f".{name}.mp4") for name in distinct_file_names(cameras)]
 
 
-def report_page(data: ReportData, progress: ProgressCallback | None = None, films: Sequence[ShownFilm] = ()) -> str:
-    """The page as HTML, which links to the films beside it; see :func:`write_report`."""
+def report_page(
+    data: ReportData, progress: ProgressCallback | None = None, films: Sequence[Mapping[str, object]] = ()
+) -> str:
+    """The page as HTML, which links to the films beside it; see :func:`write_report`.
+
+    Args:
+        data: what the page shows.
+        progress: called with the name of the stage and the fraction of it done.
+        films: file ``name``, ``camera``, second of the recording at which it has its ``start``, and ``pace``: seconds
+            of the recording in one of the film.
+    """
     report_progress, wearers, contents = progress or silent, data.wearers, dict[str, object]()
     with_camera = bool(data.estimate.cameras)
     makers: dict[str, Callable[[], object]] = {
@@ -224,19 +217,8 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
     for number, (name, make) in enumerate(makers.items()):
         report_progress("report", number / len(makers))
         contents[name] = make()
-    return (
-        environment()
-        .get_template("report.html")
-        .render(
-            data=data,
-            **contents,
-            remarks=remarks(data),
-            films=films,
-            version=__version__,
-            style=packaged("templates/report.css"),
-            script=packaged("viewer/viewer.min.js"),
-        )
-    )
+    script = packaged("viewer/viewer.min.js")
+    return _rendered("report", "report", data=data, **contents, remarks=remarks(data), films=films, script=script)
 
 
 def _strip(data: ReportData) -> bytes:
@@ -271,6 +253,12 @@ def environment() -> jinja2.Environment:
     return templates
 
 
+def _rendered(template: str, style: str, **content: object) -> str:
+    """A template with the style of a name."""
+    css = packaged(f"templates/{style}.css")
+    return environment().get_template(f"{template}.html").render(version=__version__, style=css, **content)
+
+
 def packaged(name: str) -> Markup:
     """A file of the package that goes into the page as it is."""
     return Markup((files(ROOM) / name).read_text(encoding="utf-8"))
@@ -288,11 +276,7 @@ def waiting_page(awaits: str) -> str:
     Args:
         awaits: the first thing that has to come, in words.
     """
-    return (
-        environment()
-        .get_template("waiting.html")
-        .render(awaits=awaits, version=__version__, style=packaged("templates/live.css"))
-    )
+    return _rendered("waiting", "live", awaits=awaits)
 
 
 def live_page(setup: Scene) -> str:
@@ -328,18 +312,14 @@ def live_page(setup: Scene) -> str:
         rows = [(joint_words(name), name, name in PAIRED) for name in measured]
         why = {joint_words(joint): reason for joint, reason in guessed_angles(bones).items()}
         angles.append((wearer.subject.name, rows, why))
-    return (
-        environment()
-        .get_template("live.html")
-        .render(
-            data=data,
-            name=setup.name,
-            angles=angles,
-            version=__version__,
-            style=packaged("templates/live.css"),
-            script=packaged("viewer/viewer.min.js"),
-            with_camera=bool(setup.cameras),
-            apart=data["apart"],
-            sensors=[sensor for _, sensor in sensor_columns(setup)],
-        )
+    return _rendered(
+        "live",
+        "live",
+        data=data,
+        name=setup.name,
+        angles=angles,
+        script=packaged("viewer/viewer.min.js"),
+        with_camera=bool(setup.cameras),
+        apart=data["apart"],
+        sensors=[sensor for _, sensor in sensor_columns(setup)],
     )

@@ -141,7 +141,12 @@ def motion_data(data: ReportData) -> dict[str, object]:
     places = np.concatenate([_poses_at(motion, time)[1] for motion in estimated])
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
     skins: list[Skeleton] = []
-    numbers = [_number(motion.skeleton, skins) for motion in motions]
+    numbers = list[int]()  # of skins; an estimate and the truth of the same body share one
+    for motion in motions:
+        mesh = body_mesh(motion.skeleton)
+        number = next((number for number, skin in enumerate(skins) if body_mesh(skin) is mesh), len(skins))
+        skins += [motion.skeleton] * (number == len(skins))
+        numbers.append(number)
     return {
         "start": start,
         "rate": rate,
@@ -212,15 +217,6 @@ def body_data(name: str, skeleton: Skeleton, number: tuple[int, int], is_ghost: 
         "offsets": [_rounded(offset) for offset in skeleton.p_parent_joint],
         "colours": [truth if is_ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
     }
-
-
-def _number(skeleton: Skeleton, skins: list[Skeleton]) -> int:
-    """Number of a skin among those to be drawn; an estimate and the truth of the same body share one."""
-    for number, other_skin in enumerate(skins):
-        if body_mesh(other_skin) is body_mesh(skeleton):
-            return number
-    skins.append(skeleton)
-    return len(skins) - 1
 
 
 def mesh_data(skeleton: Skeleton) -> dict[str, str]:

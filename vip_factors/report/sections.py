@@ -71,13 +71,11 @@ def time_charts(
         readings.append({"name": curve.name, "time": np.round(time, 3).tolist(), "values": read})
     numbers = {"box": box, "span": axes.get_xlim(), "unit": unit, "decimals": decimals, "curves": readings}
     legend = tuple((curve.name, curve.colour) for curve in curves)
-    return [Chart(title, Markup(_embeddable(svg(figure))), legend, json.dumps(numbers, separators=(",", ":")))]
-
-
-def _embeddable(drawing: str) -> str:
-    """An SVG element to stand among others in a page: without header and ids of groups, to a tenth of a pixel."""
+    # To stand among others in a page: without header and ids of groups, to a tenth of a pixel.
+    drawing = svg(figure)
     drawing = re.sub(r'<g id="[^"]*"', "<g", drawing[drawing.index("<svg") :])
-    return re.sub(r"(\d\.\d)\d{2,}", r"\1", drawing)
+    drawing = re.sub(r"(\d\.\d)\d{2,}", r"\1", drawing)
+    return [Chart(title, Markup(drawing), legend, json.dumps(numbers, separators=(",", ":")))]
 
 
 PAIRED = (
@@ -120,13 +118,11 @@ def angle_section(wearer: ReportWearer, is_filmed: bool) -> AngleSection:
         sigmas = dict(zip(angles.names, columns, strict=True))
     bones = bones_with_sensors(wearer.estimate, wearer.recording)
     names = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK) if is_filmed or _is_worn(bones, name)}
-    charts = {name: _chart(angles, sigmas, name) for name in names}
-    measured, guessed = (
-        [chart for name, is_told in names.items() if is_told == wanted for chart in charts[name]]
-        for wanted in (True, False)
-    )
-    ranges = _range_table(angles, sigmas, [name for name, is_told in names.items() if is_told])
-    return AngleSection(measured, guessed, ranges, bones is not None)
+    charts: dict[bool, list[Chart]] = {True: [], False: []}
+    for name, has_sensors in names.items():
+        charts[has_sensors] += _chart(angles, sigmas, name)
+    ranges = _range_table(angles, sigmas, [name for name, has_sensors in names.items() if has_sensors])
+    return AngleSection(charts[True], charts[False], ranges, bones is not None)
 
 
 def _is_worn(bones: Container[str] | None, angle: str) -> bool:
@@ -247,13 +243,9 @@ def _joined(values: Array) -> Array:
     filled = values.copy()
     for column in filled.T:
         good = np.flatnonzero(np.isfinite(column))
-        for previous_frame, next_frame in itertools.pairwise(good):
-            if 1 < next_frame - previous_frame <= longest:
-                column[previous_frame + 1 : next_frame] = np.interp(
-                    np.arange(previous_frame + 1, next_frame),
-                    (previous_frame, next_frame),
-                    (column[previous_frame], column[next_frame]),
-                )
+        for start, end in itertools.pairwise(good):
+            if 1 < end - start <= longest:
+                column[start:end] = np.interp(np.arange(start, end), (start, end), column[[start, end]])
     return filled
 
 

@@ -141,13 +141,8 @@ def read_body_file(path: str | Path) -> BodyFile:
     path = Path(path)
     content = read_toml(path, _Content, "a body file (TOML; vip-factors body writes one)")
     skeleton = _skeleton(path, content)
-    return BodyFile(
-        content.name,
-        skeleton,
-        _length_prior(path, content, skeleton),
-        tuple(_hinge_estimate(path, joint, hinge) for joint, hinge in content.hinges.items()),
-        content.provenance,
-    )
+    hinges = tuple(_hinge_estimate(path, joint, hinge) for joint, hinge in content.hinges.items())
+    return BodyFile(content.name, skeleton, _length_prior(path, content, skeleton), hinges, content.provenance)
 
 
 def _skeleton(path: Path, content: _Content) -> Skeleton:

@@ -4,12 +4,13 @@ The images come from a video, evenly spread; the sharpest of those that differ a
 out, and warnings name what the views do not determine.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.video import iterate_frames, opened_video
@@ -106,9 +107,7 @@ class CameraCalibration:
 
 
 def find_views(
-    source: Path,
-    board: Checkerboard,
-    on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    source: Path, board: Checkerboard, on_progress: ProgressCallback = silent
 ) -> tuple[tuple[BoardView, ...], tuple[int, int]]:
     """Find the views of a board in a video, in order, and the images' width and height."""
     import cv2
@@ -136,10 +135,7 @@ def find_views(
 
 
 def calibrate(
-    views: Sequence[BoardView],
-    size: tuple[int, int],
-    distortion: int = 4,
-    on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    views: Sequence[BoardView], size: tuple[int, int], distortion: int = 4, on_progress: ProgressCallback = silent
 ) -> CameraCalibration:
     """Find intrinsics from views of a board in images of ``size`` (width, height).
 

@@ -52,10 +52,6 @@ FORMATS: dict[str, str] = {
     "xsens_txt": "vip_factors.io.importers.xsens:MTW",
     "table": "vip_factors.io.importers.table",
 }
-NO_POSE = (
-    "no initial pose declared: headings and mountings are estimated from the motion only, and some may be wrong; "
-    "hold a T- or N-pose for two seconds at the start and declare it with --initial-pose"
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +202,10 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
     rule = choice if isinstance(choice, Mapping | str) and not _is_file(choice) else given.sensors
     placement = place_sensors(log, subject.body(), rule, notes)
     if (given.initial_pose or "none") == "none":
-        notes.append(NO_POSE)
+        notes.append(
+            "no initial pose declared: headings and mountings are estimated from the motion only, and some may be "
+            "wrong; hold a T- or N-pose for two seconds at the start and declare it with --initial-pose"
+        )
     start = (options.start_s or 0.0) - (LEAD_S if held else 0.0)
     return Recording(
         name=options.name or path.stem,

@@ -152,14 +152,12 @@ def _which_keypoints(people: DetectedPeople, rows: Array, requested: str | None)
             alternatives = ", ".join(alternative for alternative in of_count if alternative != name)
             warn(path, f"{count} keypoints are taken as {name}; if they are {alternatives}, say so (keypoints)")
         return chosen
-    if requested is None:
-        warn(
-            path, f"{count} keypoints are taken as {nearest_name}, not {name}: so eyes are at noses and heels at ankles"
-        )
-        return keypoint_set(nearest_name)
-    sentence = f"read as {name}, as asked, but people look like {nearest_name}: eyes and heels are in the wrong places"
-    warn(path, sentence)
-    return chosen
+    if requested is not None:
+        doubt = f"people look like {nearest_name}: eyes and heels are in the wrong places"
+        warn(path, f"read as {name}, as asked, but {doubt}")
+        return chosen
+    warn(path, f"{count} keypoints are taken as {nearest_name}, not {name}: so eyes are at noses and heels at ankles")
+    return keypoint_set(nearest_name)
 
 
 def _check_names(path: Path, chosen: KeypointSet, names: tuple[str, ...]) -> None:

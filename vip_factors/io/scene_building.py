@@ -37,6 +37,8 @@ from vip_factors.sensors.multi_file import join_scenes
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
 
+USUAL_SIZES = ((640, 480), (1280, 720), (1920, 1080), (2704, 1520), (3840, 2160), (7680, 4320))  # pixels
+
 
 class SceneWarning(UserWarning):
     """Assumption about a scene, or a doubt."""
@@ -178,7 +180,12 @@ def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detectio
     if options.camera is not None:
         file = read_camera_file(options.camera)
         return file.model, file.focal_sigma
-    size, size_text = _usual_image_size(detections), "the smallest usual image that holds all points"
+    # The smallest usual image that holds nearly all detected points, upright ones included.
+    pixels = detections.pixels[detections.seen]
+    reach = np.quantile(pixels, 0.99, axis=0) if len(pixels) else np.zeros(2)
+    sizes = [size for landscape in USUAL_SIZES for size in (landscape, landscape[::-1])]
+    size = next((size for size in sizes if np.all(reach <= size)), USUAL_SIZES[-1])
+    size_text = "the smallest usual image that holds all points"
     model, sigma, source = uncalibrated_camera(*size), UNCALIBRATED_FOCAL_SIGMA, "that of a phone"
     if facts is not None:
         size, size_text = (facts.width, facts.height), "the video's"
@@ -191,15 +198,6 @@ def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detectio
         f"(± {sigma:.0%}), for an image of {size[0]} by {size[1]} pixels ({size_text})"
     )
     return model, sigma
-
-
-def _usual_image_size(detections: Detections) -> tuple[int, int]:
-    """Width and height of the smallest usual image that holds nearly all detected points, upright ones included."""
-    usual = ((640, 480), (1280, 720), (1920, 1080), (2704, 1520), (3840, 2160), (7680, 4320))
-    pixels = detections.pixels[detections.seen]
-    reach = np.quantile(pixels, 0.99, axis=0) if len(pixels) else np.zeros(2)
-    sizes = [size for landscape in usual for size in (landscape, landscape[::-1])]
-    return next((size for size in sizes if np.all(reach <= size)), usual[-1])
 
 
 def _known_path(options: CameraOptions) -> CameraPath | None:

@@ -101,23 +101,19 @@ class MvnxDocument:
         """Whether every limb carries a sensor, by the configuration, else by the sensors' names."""
         return self.configuration == FULL_BODY or (not self.configuration and set(SENSOR_SITES) <= set(self.sensors))
 
-    def shape(self, name: str) -> tuple[int, int]:
-        """Rows and columns of a channel."""
-        return len(self.sensors if name.startswith("sensor") else self.segments), CHANNELS[name]
-
     def channel(self, name: str) -> Array | None:
         """A channel of all samples, ``(N, rows, width)``, NaN where a sample lacks it; None if all do."""
-        if not any(name in sample.channels for sample in self.samples):
+        present = next((sample.channels[name] for sample in self.samples if name in sample.channels), None)
+        if present is None:
             return None
-        empty = np.full(self.shape(name), np.nan)
-        return np.stack([sample.channels.get(name, empty) for sample in self.samples])
+        return np.stack([sample.channels.get(name, np.full_like(present, np.nan)) for sample in self.samples])
 
     def add(self, frame: ET.Element) -> None:
         """Add a frame, a sample or a pose of the calibration."""
         channels = {}
         for child in frame:
             if (name := _tag(child)) in CHANNELS:
-                rows, width = self.shape(name)
+                rows, width = len(self.sensors if name.startswith("sensor") else self.segments), CHANNELS[name]
                 where = f"<{name}> of frame {frame.get('index', len(self.samples))}"
                 channels[name] = _numbers(self.path, child, where, rows * width).reshape(-1, width)
         is_sample = frame.get("type", "normal") == "normal"
@@ -339,17 +335,24 @@ def read(path: Path) -> ImportedLog:
         raise
     except InputError as error:
         notes.append(f"no motion of MVN's own: {error}")
+    known_bones = None  # all, where every limb has a sensor
+    if placement is not None and not document.is_full_body:
+        # Bones that carry a sensor, and those between such bones.
+        worn = {site.bone_index for site in placement.sites}
+        above = {joint for sensor in worn for joint in ancestors(sensor)}
+        known_bones = frozenset(JOINT_NAMES[joint] for joint in above if worn & set(ancestors(joint)))
     sites = {name: SENSOR_SITES[name] for name in imus if name in SENSOR_SITES}
     notes += [f"sensor {name} has no usual place on the body" for name in imus if name not in sites]
+    start = document.samples[0].attributes.get("ms", "")
     return ImportedLog(
         format=FORMAT,
         imus=imus,
         default_sites=sites,
         placement=placement,
         truth_motion=motion,
-        truth_bones=_known_bones(document, placement),
+        truth_bones=known_bones,
         stature_m=motion.skeleton.stature if motion is not None and has_stature else None,
-        start_ns=_start_ns(document),
+        start_ns=int(start) * 1_000_000 if start.isdigit() and int(start) > UTC_YEAR_2000_MS else 0,
         notes=tuple(notes),
     )
 
@@ -362,11 +365,6 @@ def _times(document: MvnxDocument) -> Array:
             counts = np.array(values, dtype=float)
             return (counts - counts[0]) * unit
     return np.arange(len(document.samples)) / document.frame_rate
-
-
-def _start_ns(document: MvnxDocument) -> int:
-    text = document.samples[0].attributes.get("ms", "")
-    return int(text) * 1_000_000 if text.isdigit() and int(text) > UTC_YEAR_2000_MS else 0
 
 
 def _streams(document: MvnxDocument, time: Array, notes: list[str]) -> dict[str, ImuStream]:
@@ -399,12 +397,3 @@ def _placement(imus: dict[str, ImuStream], motion: Motion) -> Placement:
         R_bone_sensor = mean_rotation(transpose(R_world_bone) @ stream.R_inertial_sensor)
         sites.append(SensorSite(name, usual.bone, usual.p_bone_sensor, R_bone_sensor, MVN_MOUNTING_SIGMA))
     return Placement(tuple(sites), FORMAT)
-
-
-def _known_bones(document: MvnxDocument, placement: Placement | None) -> frozenset[str] | None:
-    """Bones that carry a sensor, and those between such bones; None, which is all, where every limb has one."""
-    if placement is None or document.is_full_body:
-        return None
-    worn = {site.bone_index for site in placement.sites}
-    above = {joint for sensor in worn for joint in ancestors(sensor)}
-    return frozenset(JOINT_NAMES[joint] for joint in above if worn & set(ancestors(joint)))

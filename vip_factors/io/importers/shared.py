@@ -104,12 +104,11 @@ def merge_notes(notes: list[str]) -> tuple[str, ...]:
     for note in notes:
         name, _, sentence = note.partition(": ")
         files.setdefault(sentence, []).append(name)
-    return tuple(
-        f"{names[0] if len(names) == 1 else f'{len(names)} sensors ({names[0]} …)'}: {sentence}"
-        if sentence
-        else names[0]
-        for sentence, names in files.items()
-    )
+    merged = []
+    for sentence, names in files.items():
+        source = f"{len(names)} sensors ({names[0]} …)" if sentence and len(names) > 1 else names[0]
+        merged.append(f"{source}: {sentence}" if sentence else source)
+    return tuple(merged)
 
 
 _IGNORED = ("", "imu", "sensor", "offset")  # as in OpenSim's torso_imu_offset_imu

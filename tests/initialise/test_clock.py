@@ -9,9 +9,8 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.initialise.clock import find_clock_offset, find_drift
 from vip_factors.initialise.clock_correlation import CorrelationCurve, LimbCurve, Pair
-from vip_factors.initialise.clock_signals import simple_tracks
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.detections import Detections, simple_tracks
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene

@@ -11,8 +11,8 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_correlation import QUICK_S, CorrelationCurve, correlation_curve, peak_vertex
-from vip_factors.initialise.clock_signals import SHORTEST_TRACK_S, ImageTrack, simple_tracks
 from vip_factors.sensors.camera import VideoClock
+from vip_factors.sensors.detections import SHORTEST_TRACK_S, ImageTrack, simple_tracks
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene

@@ -1,8 +1,13 @@
 """Agreement of image and sensors for every offset of their clocks, as a log-likelihood curve.
 
-For every track and limb, the share R² of the limb's image motion that its sensor explains (:mod:`clock_signals`) is
-computed for all offsets at once by Fourier transforms. ``−n log(1 − R²)`` is the gain in log-likelihood over "this body
-is somebody else", with n independent instants. Gains of limbs are added; each track is one wearer or nobody.
+The image of a limb's direction in a static camera is a linear map of that direction (parallel projection, with the
+person's size in the image divided out): six coefficients for any heading and camera pose. For a moving camera with an
+IMU, the direction is transformed to the camera's frame first, and only a heading is unknown. Both signals pass through
+the same derivative of a Gaussian, which removes constant errors (perspective, mountings) without a delay.
+
+For every track and limb, the share R² of the limb's image motion that its sensor explains is computed for all offsets
+at once by Fourier transforms. ``−n log(1 − R²)`` is the gain in log-likelihood over "this body is somebody else", with
+n independent instants. Gains of limbs are added; each track is one wearer or nobody.
 """
 
 from collections.abc import Sequence
@@ -11,21 +16,131 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from vip_factors.geometry.quaternions import interpolate_points
+from vip_factors.body.skeleton import joint_index
+from vip_factors.errors import RecordingError
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.clock_signals import (
-    GRID_HZ,
-    LIMBS,
-    ImageTrack,
-    Signal,
-    image_rate,
-    limb_directions,
-    limb_in_image,
-    rate_of,
-    rotations_on,
-    smoothed,
-)
+from vip_factors.sensors.detections import ImageTrack
+from vip_factors.sensors.imu_stream import ImuStream, with_orientation
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+
+GRID_HZ = 60.0  # of all signals: twice a usual video's rate
+_SIDED = {
+    "shoulder": ("shoulder", "elbow"),
+    "elbow": ("elbow", "wrist"),
+    "hip": ("hip", "knee"),
+    "knee": ("knee", "ankle"),
+    "ankle": ("ankle", "big_toe"),
+}
+# The two keypoints that define the direction of each bone.
+LIMBS: dict[str, tuple[str, str]] = {
+    **{
+        f"{side}_{bone}": (f"{side}_{near}", f"{side}_{far}")
+        for bone, (near, far) in _SIDED.items()
+        for side in ("left", "right")
+    },
+    "pelvis": ("right_hip", "left_hip"),
+    "spine3": ("right_shoulder", "left_shoulder"),
+    "spine2": ("right_shoulder", "left_shoulder"),
+    "head": ("right_ear", "left_ear"),
+}
+LEFT, FORWARD = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Values ``(T, D)`` on the grid and their validity ``(T,)``; invalid values are zero."""
+
+    values: Array
+    valid: np.ndarray
+
+
+def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, width: float) -> Signal:
+    """Rate ``(T, 2)`` in 1/s of the difference of two keypoints over the person's size; the grid is on video time.
+
+    ``width`` is that of the smoothing Gaussian, seconds.
+    """
+    near, far = limb
+    values = (track.pixels[:, far] - track.pixels[:, near]) / track.size[:, None]
+    jump = np.flatnonzero(np.abs(np.diff(values, axis=0)).max(axis=1) > 0.25)  # of a limb: swapped sides
+    values[jump] = values[jump + 1] = np.nan
+    return image_rate(track.time, values, grid, width)
+
+
+def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
+    """Directions ``(T, 3)`` of limbs with keypoints in the sensors' inertial frames, by sensor, not differentiated.
+
+    Sensors whose orientation is missing and cannot be computed are left out.
+    """
+    skeleton = recording.subject.body()
+    directions = {}
+    for sensor in recording.placed:
+        site = recording.placement.site(sensor)
+        if site.bone not in LIMBS:
+            continue
+        axis = _axis(site.bone, skeleton.p_parent_joint)
+        turned = rotations_on(recording.imus[sensor], grid)
+        if turned is not None:
+            R, valid = turned
+            directions[sensor] = Signal(R @ (site.R_bone_sensor.T @ axis), valid)
+    return directions
+
+
+def rotations_on(stream: ImuStream, grid: Array) -> tuple[Array, np.ndarray] | None:
+    """Rotations ``R_inertial_sensor`` ``(T, 3, 3)`` on the grid (IMU time) and their validity; None if unavailable."""
+    try:
+        R = with_orientation(stream).R_inertial_sensor
+    except RecordingError:
+        return None
+    assert R is not None
+    return interpolate_rotations(stream.time, R, grid), _near_samples(stream.time, grid)
+
+
+def rate_of(values: Array, valid: np.ndarray, width: float) -> Signal:
+    """Smoothed derivative of values on the grid; not valid near missing values."""
+    sigma = width * GRID_HZ
+    rate = scipy.ndimage.gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * GRID_HZ
+    # values beyond one and a half widths have little weight
+    missing = scipy.ndimage.maximum_filter1d((~valid).astype(np.uint8), 2 * round(1.5 * sigma) + 1, mode="constant")
+    is_complete = missing == 0
+    return Signal(np.where(is_complete[:, None], rate, 0.0), is_complete)
+
+
+def smoothed(values: Array, valid: np.ndarray, width: float) -> Signal:
+    """Smooth as :func:`rate_of`, without derivative, for signals that are rates."""
+    values = scipy.ndimage.gaussian_filter1d(values, width * GRID_HZ, axis=0, mode="nearest")
+    return Signal(np.where(valid[:, None], values, 0.0), valid)
+
+
+def image_rate(time: Array, values: Array, grid: Array, width: float) -> Signal:
+    """Smoothed derivative on the grid of values ``(n, 2)`` at frames; frames with NaN are left out."""
+    good = np.all(np.isfinite(values), axis=1)
+    if good.sum() < 2:
+        return Signal(np.zeros((len(grid), values.shape[1])), np.zeros(len(grid), bool))
+    time, values = time[good], values[good]
+    even = interpolate_points(time, values, grid)
+    return rate_of(even, _near_samples(time, grid), width)
+
+
+def _near_samples(time: Array, grid: Array) -> np.ndarray:
+    """Test at which grid times the samples on both sides are near enough to interpolate."""
+    longest_gap_s = 0.12
+    right = np.searchsorted(time, grid)
+    inside = (grid >= time[0]) & (grid <= time[-1])
+    right = np.clip(right, 1, len(time) - 1) if len(time) > 1 else np.zeros_like(right)
+    return inside & (time[right] - time[right - 1] <= longest_gap_s)
+
+
+def _axis(bone: str, p_parent_joint: Array) -> Array:
+    """Unit vector along the limb in the bone's frame, from its keypoints at rest."""
+    far = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
+    side, _, joint = bone.partition("_")
+    if joint in far:
+        p = p_parent_joint[joint_index(f"{side}_{far[joint]}")]
+        return p / np.linalg.norm(p)
+    return FORWARD if joint == "ankle" else LEFT
+
 
 LEAST_SAMPLES = 30  # of common grid time for a linear map
 QUICK_S = 0.07  # wider than a detector's jitter, narrower than a step of 0.4 s

@@ -1,8 +1,9 @@
-"""2D pose detections of one camera, of wearers and bystanders; keypoints of a motion and their reprojection error."""
+"""2D pose detections of one camera, of wearers and bystanders: tracks, keypoints of a motion, reprojection error."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
@@ -164,3 +165,90 @@ def reprojection_error(
     pixels = keypoints_in_image(motion, detections.keypoints, path, model, detections.time)
     distance = np.linalg.norm(pixels[detections.frame[chosen]] - detections.pixels[chosen], axis=-1)
     return np.where(detections.seen[chosen], distance, np.nan)
+
+
+SHORTEST_TRACK_S = 2.0  # in which a body is seen
+
+
+@dataclass(frozen=True)
+class ImageTrack:
+    """One body in consecutive video frames."""
+
+    time: Array  # (n,) seconds on the video's clock, increasing; frames without the body are absent
+    pixels: Array  # (n, K, 2), NaN if a keypoint is not detected
+    size: Array  # (n,) pixels, smoothed spread of the keypoints
+
+
+def simple_tracks(detections: Detections) -> list[ImageTrack]:
+    """Track bodies in a video; the longest tracks come first."""
+    least_confidence = 0.2  # of keypoints that are used
+    max_tracks = 40  # bystanders may have thousands
+    pixels = np.where((detections.confidence >= least_confidence)[..., None], detections.pixels, np.nan)
+    tracks = []
+    for rows in _linked(detections, pixels):
+        time = detections.time[detections.frame[rows]]
+        if time[-1] - time[0] >= SHORTEST_TRACK_S:
+            tracks.append(ImageTrack(time, pixels[rows], _smooth_size(time, _spread(pixels[rows]))))
+    tracks.sort(key=lambda track: len(track.time), reverse=True)
+    return tracks[:max_tracks]
+
+
+def _linked(detections: Detections, pixels: Array) -> list[list[int]]:
+    """Link detections to tracks; returns the detections' indices of each track."""
+    reach = 0.35  # largest shift of the keypoints between frames over their spread; a runner's is 0.1
+    doubt = 1.5  # ratio of two candidates' shifts below which a track ends: ambiguous
+    longest_gap_s = 0.25  # without a detection
+    done: list[list[int]] = []
+    alive: list[list[int]] = []
+    for frame in np.unique(detections.frame):
+        indices = np.arange(*detections.of_frame(int(frame)).indices(len(detections)))
+        time = detections.time[frame]
+        fresh = [time - detections.time[detections.frame[rows[-1]]] <= longest_gap_s for rows in alive]
+        done += [rows for rows, young in zip(alive, fresh, strict=True) if not young]
+        alive = [rows for rows, young in zip(alive, fresh, strict=True) if young]
+        matched: set[int] = set()
+        if alive:
+            shift = _shifts(pixels[[rows[-1] for rows in alive]], pixels[indices])
+            ended = []
+            for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(shift, 1e3)), strict=True):
+                if shift[row, column] > reach:
+                    continue
+                rivals = [*np.delete(shift[row], column), *np.delete(shift[:, column], row)]
+                if min(rivals, default=np.inf) < doubt * shift[row, column]:
+                    ended.append(row)
+                    continue
+                alive[row].append(int(indices[column]))
+                matched.add(int(column))
+            done += [alive[row] for row in ended]
+            alive = [rows for row, rows in enumerate(alive) if row not in ended]
+        alive += [[int(index)] for column, index in enumerate(indices) if column not in matched]
+    return done + alive
+
+
+def _shifts(pixels: Array, next_pixels: Array) -> Array:
+    """Median distance ``(A, B)`` of common keypoints over their spread; infinite for less than four."""
+    distance = np.linalg.norm(pixels[:, None] - next_pixels[None], axis=-1)
+    common = np.isfinite(distance)
+    filled = np.sort(np.where(common, distance, np.inf), axis=-1)
+    count = common.sum(axis=-1)
+    middle = np.take_along_axis(filled, np.maximum(count // 2, 0)[..., None].clip(max=filled.shape[-1] - 1), axis=-1)
+    size = np.fmax(_spread(pixels), 1.0)
+    return np.where(count >= 4, middle[..., 0] / size[:, None], np.inf)
+
+
+def _spread(pixels: Array) -> Array:
+    """Diagonal ``(n,)`` of the keypoints' bounding box; 0 with fewer than two keypoints."""
+    is_finite = np.isfinite(pixels)
+    low = np.where(is_finite, pixels, np.inf).min(axis=1)
+    high = np.where(is_finite, pixels, -np.inf).max(axis=1)
+    return np.linalg.norm(np.where(np.isfinite(low), high - low, 0.0), axis=-1)
+
+
+def _smooth_size(time: Array, size: Array) -> Array:
+    """Large quantile over a window, so that raised arms do not change the size."""
+    window = 2.0  # s
+    knots = np.arange(time[0], time[-1] + window / 2, window / 2)
+    starts, ends = np.searchsorted(time, knots - window / 2), np.searchsorted(time, knots + window / 2, side="right")
+    values = [np.quantile(size[a:b], 0.8) if b > a else np.nan for a, b in zip(starts, ends, strict=True)]
+    good = np.isfinite(values)
+    return np.maximum(np.interp(time, knots[good], np.array(values)[good]), 1.0)

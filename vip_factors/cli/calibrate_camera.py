@@ -45,6 +45,7 @@ class CalibrateCameraOptions(WritingOptions):
 
 def execute_calibrate_camera(options: CalibrateCameraOptions) -> None:
     """Run ``vip-factors calibrate-camera``."""
+    from vip_factors.io.calibrate_camera import calibrate, find_views
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     board = _board(options)
@@ -56,7 +57,18 @@ def execute_calibrate_camera(options: CalibrateCameraOptions) -> None:
         if options.floor_image is None:
             raise InputError(f"{options.source}: a camera file needs --floor-image, which gives the pose")
     else:
-        model, warnings, report, views = _calibrated(options, board)
+        with progress_bar() as on_progress:
+            views, size = find_views(options.source, board, on_progress)
+            calibration = calibrate(views, size, options.distortion, on_progress)
+        say(calibration_text(calibration, len(views)))
+        model, warnings = calibration.model, calibration.warnings
+        report = {
+            "board": board.text,
+            "rms_px": calibration.rms_px,
+            "views": len(calibration.views),
+            "focal_sigma_px": float(calibration.sigma[:2].max()),
+            "centre_sigma_px": float(calibration.sigma[2:].max()),
+        }
     floor = None
     if options.floor is not None or options.floor_image is not None:
         floor, text = _floor(options, board, views, model)
@@ -67,26 +79,6 @@ def execute_calibrate_camera(options: CalibrateCameraOptions) -> None:
         note(f"warning: a {board.text} looks alike from both ends: several cameras may disagree about its origin")
     write_camera_file(options.out, model, floor, report, options.overwrite)
     say(options.out)
-
-
-def _calibrated(
-    options: CalibrateCameraOptions, board: "Checkerboard"
-) -> "tuple[CameraModel, Sequence[str], dict[str, str | float | int], Sequence[BoardView]]":
-    """The intrinsics, warnings, what to write beside them, and the views of the board."""
-    from vip_factors.io.calibrate_camera import calibrate, find_views
-
-    with progress_bar() as on_progress:
-        views, size = find_views(options.source, board, on_progress)
-        calibration = calibrate(views, size, options.distortion, on_progress)
-    say(calibration_text(calibration, len(views)))
-    report: dict[str, str | float | int] = {
-        "board": board.text,
-        "rms_px": calibration.rms_px,
-        "views": len(calibration.views),
-        "focal_sigma_px": float(calibration.sigma[:2].max()),
-        "centre_sigma_px": float(calibration.sigma[2:].max()),
-    }
-    return calibration.model, calibration.warnings, report, views
 
 
 def calibration_text(calibration: "CameraCalibration", image_count: int) -> str:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -23,7 +23,6 @@ from vip_factors.cli.options import (
     parse,
 )
 from vip_factors.cli.terminal import progress_bar, say
-from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
 from vip_factors.io.settings import LogOptions
 from vip_factors.settings import Settings
@@ -212,14 +211,20 @@ def run_options(options: RunOptions) -> "Run":
         )
         for log, placement in zip(options.log, placements, strict=True)
     ]
+    values = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
+    declared = {name: value for name, value in values.items() if value != getattr(LogOptions(), name)}
+    detector = None
+    if options.video and not options.detections:
+        words = [str(options.video[0]), *_words(options.detect_options)]
+        detector = parse(DetectOptions, "vip-factors detect", words).settings
     return Run(
         logs=tuple(
-            (log, replace(import_options(parsed), **_declared_options(options)))
+            (log, replace(import_options(parsed), **declared))
             for log, parsed in zip(options.log, converted, strict=True)
         ),
         out=folder,
         cameras=tuple(camera_options(converted[0])) if filmed else (),
-        detector=_detector(options),
+        detector=detector,
         overlay=options.overlay,
         sync=not options.time_offset_s,
         settings=_smooth_options(options).settings,
@@ -227,12 +232,6 @@ def run_options(options: RunOptions) -> "Run":
         exports=options.export,
         overwrite=options.overwrite,
     )
-
-
-def _declared_options(options: LogOptions) -> dict[str, Any]:
-    """Return the declared properties of a log, by name."""
-    values = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
-    return {name: value for name, value in values.items() if value != getattr(LogOptions(), name)}
 
 
 def _camera_words(options: RunOptions, folder: Path) -> list[str]:
@@ -253,12 +252,6 @@ def _camera_words(options: RunOptions, folder: Path) -> list[str]:
     }.items():
         words += [word for value in values for word in _given(option, value)]
     return words
-
-
-def _detector(options: RunOptions) -> DetectSettings | None:
-    if not options.video or options.detections:
-        return None
-    return parse(DetectOptions, "vip-factors detect", [str(options.video[0]), *_words(options.detect_options)]).settings
 
 
 def _smooth_options(options: RunOptions) -> SmoothOptions:

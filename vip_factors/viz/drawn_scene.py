@@ -18,6 +18,8 @@ from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene, Video
 
 NOBODY = -1
+# At rest the body's z (forward) is turned onto the world's x: the yaw of a standing body facing x is that of this.
+R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 APART_M = 1.4  # between pelvises at least: arms held out may touch, bodies do not
 APART = "The wearers are set apart: without a camera, where they stood beside each other is unknown."
 
@@ -162,22 +164,18 @@ def drawn_wearer(
     elif wearer.shown is None:
         if recording is None:
             raise InputError("nothing to show: expected a recording, an estimate or a motion")
-        wearer = replace(wearer, rest=_resting(recording))
+        # The T-pose on the floor, facing x: all that a bare recording says about the body.
+        skeleton, R = recording.subject.body(), np.tile(np.eye(3), (1, len(JOINT_NAMES), 1, 1))
+        R[0, 0] = R_WORLD_STANDING
+        p_world_pelvis = np.array([[0.0, 0.0, 0.02 - float(skeleton.p_pelvis_joint[:, 1].min())]])
+        rest = Motion(skeleton, R, p_world_pelvis, 1.0, recording.interval[0], recording.name)
+        wearer = replace(wearer, rest=rest)
     shown = wearer.shown or wearer.rest
     assert shown is not None
     if recording is None:
         wearer = replace(wearer, name=shown.name or "wearer")
     name = estimate.name if estimate is not None else recording.name if recording is not None else shown.name
     return DrawnScene(name, (wearer,))
-
-
-def _resting(recording: Recording) -> Motion:
-    """The wearer standing in the T-pose on the floor, facing x: all that a bare recording says about the body."""
-    skeleton = recording.subject.body()
-    R = np.tile(np.eye(3), (1, len(JOINT_NAMES), 1, 1))
-    R[0, 0] = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]  # body y up, z forward
-    height = -float(skeleton.p_pelvis_joint[:, 1].min()) + 0.02
-    return Motion(skeleton, R, np.array([[0.0, 0.0, height]]), 1.0, recording.interval[0], recording.name)
 
 
 def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
@@ -206,14 +204,9 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
     is_placed = any(wearer.motion is not None and wearer.truth is not None for wearer in wearers)
     has_separate_worlds = len(motions) > 1 and not is_placed and (estimate is None or not estimate.cameras)
     if has_separate_worlds:
-        shifts = iter(set_apart(motions))
         wearers = [
-            wearer
-            if wearer.motion is None
-            else replace(
-                wearer, motion=replace(wearer.motion, p_world_pelvis=wearer.motion.p_world_pelvis + next(shifts))
-            )
-            for wearer in wearers
+            replace(wearer, motion=replace(motion, p_world_pelvis=motion.p_world_pelvis + shift))
+            for wearer, motion, shift in zip(wearers, motions, set_apart(motions), strict=True)
         ]
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
     cameras = _cameras(scene, estimate, comparison.gauge if comparison is not None else None)
@@ -278,9 +271,8 @@ def check_frames(motion: Motion) -> Motion:
 
 def onto_truth(estimate: Motion, truth: Motion) -> Motion:
     """The estimate turned about the vertical once, and its pelvis on the true path (both at the same frames)."""
-    gauge = align_yaw(
-        *((p - p[:, :1]).reshape(-1, 3) for p in (estimate.state.p_world_joint, truth.state.p_world_joint))
-    )
+    points = (motion.state.p_world_joint for motion in (estimate, truth))
+    gauge = align_yaw(*((p - p[:, :1]).reshape(-1, 3) for p in points))
     return replace(move_motion(estimate, gauge), p_world_pelvis=truth.p_world_pelvis)
 
 

@@ -36,7 +36,7 @@ from vip_factors.viz.charts import (
     write,
 )
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, wearer_colour
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, floor_height
+from vip_factors.viz.drawn_scene import R_WORLD_STANDING, DrawnScene, DrawnWearer, floor_height
 from vip_factors.viz.film import GROUND, overlaid_frames
 
 GHOST = (220, 222, 226)  # of the truth, behind the estimate
@@ -45,8 +45,6 @@ BODY_HEIGHTS = (1.95, 2.5)  # metres that fit into the strip: standing, and arms
 HEADROOM_M = 0.25  # from the highest joint to the top: a head or a hand
 FOOT_ROOM_PX = 42  # below the point under the pelvis: feet before it
 VIEW_YAW, VIEW_PITCH = np.deg2rad(32.0), np.deg2rad(9.0)  # from the wearer's front left, a little from above
-# At rest the body's z (forward) is turned onto the world's x: the yaw of a standing body facing x is that of this.
-R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 COLUMNS = 3  # frames of a video beside each other
 AROUND = 1.25  # around the people shown
 FINER = 2  # pixels drawn for one that is kept, along each side: lines are smooth then
@@ -242,21 +240,17 @@ def _draw_floor(axes: Axes, view: View) -> None:
 def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
     """Joint errors of the wearers whose truth is known, else reprojection errors; and a label."""
     camera, detections, _ = drawn.films()[0]
-
-    def curves(values: Sequence[tuple[DrawnWearer, Array | None, Array]]) -> list[Curve]:
-        return [
-            Curve(wearer.name, time, errors, hexadecimal(wearer_colour(wearer.index)))
-            for wearer, errors, time in values
-            if errors is not None
-        ]
-
-    joints = curves(
-        [(wearer, wearer.error_mm, wearer.shown.time) for wearer in drawn.wearers if wearer.shown is not None]
-    )
-    if joints or drawn.estimate is None:
-        return joints, "joint error, mm (mean)"
-    pixels = curves([(wearer, camera.reprojection_px(wearer), detections.time) for wearer in drawn.wearers])
-    return pixels, "reprojection error, px (mean)"
+    label = "joint error, mm (mean)"
+    errors = [(wearer, wearer.error_mm, wearer.shown.time) for wearer in drawn.wearers if wearer.shown is not None]
+    if drawn.estimate is not None and all(values is None for _, values, _ in errors):
+        label = "reprojection error, px (mean)"
+        errors = [(wearer, camera.reprojection_px(wearer), detections.time) for wearer in drawn.wearers]
+    curves = [
+        Curve(wearer.name, time, values, hexadecimal(wearer_colour(wearer.index)))
+        for wearer, values, time in errors
+        if values is not None
+    ]
+    return curves, label
 
 
 def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:

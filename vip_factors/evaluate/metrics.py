@@ -39,6 +39,11 @@ GLOBAL_JOINTS = ("pelvis", "spine3", *POSITION_JOINTS)
 FEET = _both_sides("foot")
 
 
+def indices(names: tuple[str, ...]) -> list[int]:
+    """Their rows in a motion's joint axis."""
+    return [joint_index(name) for name in names]
+
+
 @dataclass(frozen=True)
 class Compared:
     """Which of the joints that a metric averages over are compared: those of which the truth knows anything.
@@ -51,11 +56,11 @@ class Compared:
 
     def orientations(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
         """Rows of those bones among the named ones whose turn is known."""
-        return [joint_index(name) for name in names if self.bones is None or name in self.bones]
+        return [row for row in indices(names) if self.bones is None or JOINT_NAMES[row] in self.bones]
 
     def positions(self, names: tuple[str, ...] = JOINT_NAMES) -> list[int]:
         """Rows of those joints among the named ones whose place is known: they sit on the bone above."""
-        return joints_placed_by(self.bones, [joint_index(name) for name in names])
+        return joints_placed_by(self.bones, indices(names))
 
 
 EVERYTHING = Compared()

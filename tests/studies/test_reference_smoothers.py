@@ -10,7 +10,7 @@ from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.live.problem import FrameState, stacked, without_frames
+from vip_factors.live.problem import FrameState, stacked
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.settings import LiveSettings, SolveSettings
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
@@ -88,4 +88,4 @@ def _at_the_minimum(window: RecordedWindow) -> RecordedWindow:
         SceneObjective(problem.model(window.frames, beginning=True)), state, SolveSettings(max_iterations=30)
     )
     states = tuple(FrameState.of(solved, t) for t in range(len(window.frames)))
-    return replace(window, states=states, shared=without_frames(solved))
+    return replace(window, states=states, shared=solved.window(slice(0, 0)))

@@ -172,11 +172,12 @@ class EstimateBuilder:
 
     def _measure(self, smoother: LagSmoother, newest: int) -> None:
         """Compute covariances: of the newest frame each time, others at intervals."""
-        self._newest = smoother.covariance(newest)
+        solution = smoother.solution
+        self._newest = solution.covariance(newest)
         if self._shared is None or (self._sums is None and newest >= self._next_covariance):
             self._next_covariance, self._last_calibrations = newest + Tracking.COVARIANCE_EVERY, []
-            self._shared = smoother.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
-            self._sums = smoother.covariance_in_steps(max(smoother.numbers[0], newest - self._lag))
+            self._shared = solution.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
+            self._sums = solution.covariance_in_steps(max(smoother.numbers[0], newest - self._lag))
         # A few steps with each update; together they take as long as the update.
         frames_per_step = Tracking.COVARIANCE_EVERY / self._settings.solve_every
         steps = None if self._smoothed is None else math.ceil((self._lag + 2) / frames_per_step)

@@ -11,6 +11,7 @@ from vip_factors.problem.scene import KeypointView
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import VideoFrame, detections_of, sensor_columns
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.scene_solution import SceneSolution
 
@@ -56,9 +57,6 @@ def imu_arrays(frames: Sequence[LiveFrame]) -> tuple[Array, np.ndarray, Array, n
     return R, orientation_valid, force, acceleration_valid
 
 
-MEASURING_SHARE = 0.3  # of the frames, with which a sensor is used at a start
-
-
 class MeasuredStretch:
     """Consecutive frames of a stream, from which scenes for the batch stages are made.
 
@@ -83,34 +81,22 @@ class MeasuredStretch:
         """Number of the first frame."""
         return self.frames[0].number
 
-    @property
-    def video(self) -> list[VideoFrame]:
-        """Video frames of the stretch, in order."""
-        return video_of(self.frames)
-
-    def tail(self, frames: int) -> "MeasuredStretch":
-        """The last ``frames`` of the stretch."""
-        return MeasuredStretch(self.head, self.frames[-frames:])
-
     def measuring(self, carrier: str) -> list[str]:
         """Names of a carrier's sensors that measured enough orientations, overall or recently."""
+        measuring_share = 0.3  # of the frames, with which a sensor is used at a start
         lately_s = 2.0  # so that a sensor that came late, or has moved, is used as well
         orientation_valid = self._stacked[1]
         lately = orientation_valid[self.time > self.time[-1] - lately_s]
-        share = np.maximum(orientation_valid.mean(axis=0), lately.mean(axis=0))
-        return [
-            name
-            for (who, name), share_of_sensor in zip(self.columns, share, strict=True)
-            if who == carrier and share_of_sensor > MEASURING_SHARE
-        ]
+        is_measuring = np.maximum(orientation_valid.mean(axis=0), lately.mean(axis=0)) > measuring_share
+        return [name for (who, name), used in zip(self.columns, is_measuring, strict=True) if who == carrier and used]
 
-    def column(self, carrier: str, sensor: str) -> int:
-        """Column of a sensor's measurements."""
-        return self.columns.index((carrier, sensor))
+    def columns_of(self, carrier: str, sensors: Sequence[str]) -> np.ndarray:
+        """Columns of a carrier's sensors in the frames."""
+        return np.array([self.columns.index((carrier, sensor)) for sensor in sensors], dtype=int)
 
     def imu_frames(self, carrier: str, sensors: Sequence[str]) -> ImuFrames:
         """Measurements of some of a carrier's sensors at all frames."""
-        columns = np.array([self.column(carrier, sensor) for sensor in sensors], dtype=int)
+        columns = self.columns_of(carrier, sensors)
         R, orientation_valid, force, acceleration_valid = (values[:, columns] for values in self._stacked)
         return ImuFrames(tuple(sensors), self.time, R, orientation_valid, force, acceleration_valid)
 
@@ -128,27 +114,23 @@ class MeasuredStretch:
 
     def scene(self) -> Scene:
         """The set-up with the measurements of the frames as samples."""
-        wearers, video = [], self.video
+        wearers, cameras = list[Recording](), list[Camera]()
+        video = sorted(video_of(self.frames), key=lambda frame: frame.time)
         for wearer in self.head.wearers:
             name = wearer.subject.name
             imus = {sensor: self._stream(name, sensor) for sensor in self.measuring(name)}
             # The declared pose was held at the start of the stream only.
             pose = wearer.initial_pose if self.first_number == 0 else "none"
             wearers.append(replace(wearer, imus=imus, initial_pose=pose))
-        cameras = tuple(
-            self._camera(camera, [frame for frame in video if frame.camera == camera.name])
-            for camera in self.head.cameras
-        )
-        return replace(self.head, wearers=tuple(wearers), cameras=cameras)
-
-    def _camera(self, camera: Camera, video: Sequence[VideoFrame]) -> Camera:
-        detections = detections_of(sorted(video, key=lambda frame: frame.time), camera.keypoints)
-        mount = camera.mount
-        if mount is not None:
-            sensor = mount.imu.name
-            is_measuring = sensor in self.measuring(camera.name)
-            mount = replace(mount, imu=self._stream(camera.name, sensor)) if is_measuring else None
-        return replace(camera, detections=detections, mount=mount)
+        for camera in self.head.cameras:
+            mount, name = camera.mount, camera.name
+            if mount is not None:
+                sensor = mount.imu.name
+                is_measuring = sensor in self.measuring(name)
+                mount = replace(mount, imu=self._stream(name, sensor)) if is_measuring else None
+            detections = detections_of([frame for frame in video if frame.camera == name], camera.keypoints)
+            cameras.append(replace(camera, detections=detections, mount=mount))
+        return replace(self.head, wearers=tuple(wearers), cameras=tuple(cameras))
 
     def _stream(self, carrier: str, sensor: str) -> ImuStream:
         frames = self.imu_frames(carrier, [sensor])

@@ -44,41 +44,24 @@ def predict_frame(
     last_frame, state = previous_frames[-1]
     older = previous_frames[-2][1] if len(previous_frames) > 1 else state
     R_parent_child = np.empty_like(state.R_parent_child)
-    R = np.stack([older.R_parent_child, state.R_parent_child], axis=1)
     for number, wearer in enumerate(problem.wearers):
         bones = [sensor.bone for sensor in wearer.sensors]
         turns, measured = _turns(last_frame, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
-        R_world_bone = forward_kinematics(wearer.skeleton, R[number], np.zeros((2, 3))).R_world_bone
+        R = np.stack([older.R_parent_child[number], state.R_parent_child[number]])
+        R_world_bone = forward_kinematics(wearer.skeleton, R, np.zeros((2, 3))).R_world_bone
         went = R_world_bone[1, bones] @ transpose(R_world_bone[0, bones])
         turns = exp((log(turns) + log(went)) / 2)  # mean with the last turn: a single measurement is noisy
         R_parent_child[number] = _with_turned_bones(R_world_bone[1], bones, turns, measured)
     pushed = [_acceleration_step(problem, number, frame, shared) for number in range(len(problem.wearers))]
     p_world_pelvis = 2 * state.p_world_pelvis - older.p_world_pelvis + pushed
-    turned = FrameState(R_parent_child, p_world_pelvis, state.R_world_camera, state.p_world_camera)
     for number, wearer in enumerate(problem.wearers):
         if not wearer.use_acceleration:
-            turned.p_world_pelvis[number] = _on_standing_foot(
-                wearer.skeleton,
-                wearer.settings.sole.of(shared.wearers[number].sole),
-                state,
-                turned,
-                number,
-                problem.has_views,
-            )
-    return _predict_cameras(problem, turned, older, state, last_frame, frame, shared)
-
-
-def turn_bones(
-    problem: LagProblem, last_frame: LiveFrame, state: FrameState, frame: LiveFrame, shared: SceneState
-) -> Array:
-    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after ``last_frame``: bones turned with their sensors."""
-    R_parent_child = state.R_parent_child.copy()
-    for number, wearer in enumerate(problem.wearers):
-        R, bones = state.R_parent_child[number], [sensor.bone for sensor in wearer.sensors]
-        turns = _turns(last_frame, frame, problem.sensors[number], shared.wearers[number].headings)
-        R_world_bone = forward_kinematics(wearer.skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
-        R_parent_child[number] = _with_turned_bones(R_world_bone, bones, *turns)
-    return R_parent_child
+            sole = wearer.settings.sole.of(shared.wearers[number].sole)
+            R = np.stack([state.R_parent_child[number], R_parent_child[number]])
+            p = state.p_world_pelvis[number]
+            p_world_pelvis[number] = _on_standing_foot(wearer.skeleton, sole, R, p, problem.has_views)
+    cameras = _predicted_cameras(problem, older, state, last_frame, frame, shared)
+    return FrameState(R_parent_child, p_world_pelvis, *cameras)
 
 
 def _acceleration_step(problem: LagProblem, number: int, frame: LiveFrame, shared: SceneState) -> Array:
@@ -96,17 +79,17 @@ def _acceleration_step(problem: LagProblem, number: int, frame: LiveFrame, share
 
 
 def _on_standing_foot(
-    skeleton: Skeleton, sole: float, previous_state: FrameState, new_state: FrameState, wearer: int, has_views: bool
+    skeleton: Skeleton, sole: float, R_parent_child: Array, p_world_pelvis: Array, has_views: bool
 ) -> Array:
     """The root ``(3,)`` that keeps the lowest foot where it was; without a camera, on the floor.
 
     Where frames are estimated independently, nothing else ties one root to the next, and a velocity would run away.
+    Joint rotations ``(2, 24, 3, 3)`` are those of the last frame and the next one, ``p_world_pelvis`` is the last root.
     """
-    R = np.stack([previous_state.R_parent_child[wearer], new_state.R_parent_child[wearer]])
-    body = forward_kinematics(skeleton, R, np.zeros((2, 3)))
+    body = forward_kinematics(skeleton, R_parent_child, np.zeros((2, 3)))
     points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton, sole)], axis=1)
     lowest = np.argmin(points[0, :, 2])
-    p = previous_state.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
+    p = p_world_pelvis + points[0, lowest] - points[1, lowest]
     if not has_views:
         p[2] = -points[1, :, 2].min()
     return np.asarray(p)
@@ -137,17 +120,16 @@ def _with_turned_bones(R_world_bone: Array, bones: Sequence[int], turns: Array, 
     return turned @ (3 * np.eye(3) - transpose(turned) @ turned) / 2
 
 
-def _predict_cameras(
+def _predicted_cameras(
     problem: LagProblem,
-    state: FrameState,
     older: FrameState,
     newer: FrameState,
     last_frame: LiveFrame,
     frame: LiveFrame,
     shared: SceneState,
-) -> FrameState:
-    """Let carried cameras continue, turned with their IMUs if they have some."""
-    R, p = state.R_world_camera.copy(), state.p_world_camera.copy()
+) -> tuple[Array, Array]:
+    """Rotations and positions of carried cameras, which continue, turned with their IMUs if they have some."""
+    R, p = newer.R_world_camera.copy(), newer.p_world_camera.copy()
     for m, number in enumerate(problem.carried):
         if not problem.cameras[number].free_pose:
             continue
@@ -159,7 +141,7 @@ def _predict_cameras(
         if not measured:
             turn = exp(CAMERA_VELOCITY_SHARE * log(newer.R_world_camera[m] @ older.R_world_camera[m].T))
         R[m] = turn @ newer.R_world_camera[m]
-    return replace(state, R_world_camera=R, p_world_camera=p)
+    return R, p
 
 
 # Largest median error of the keypoints of a detection that fits a wearer, in heights of the person in the image: 5 %
@@ -267,6 +249,10 @@ def continued_start(
     last_frame, state = start.frames[-1], start.states[-1]
     problem, shared = start.problem, start.shared
     yaw = yaw_of(state.R_parent_child[:, 0] @ transpose(at_find.R_parent_child[:, 0]))  # of each wearer
+    bodies = [
+        forward_kinematics(wearer.skeleton, R[None], np.zeros((1, 3)))
+        for wearer, R in zip(problem.wearers, state.R_parent_child, strict=True)
+    ]
     frames, states = [], []
     stands = start.has_views and not problem.carried
     for number in smoother.numbers:
@@ -276,20 +262,17 @@ def continued_start(
             for confidence, wearer in zip(frame.contacts, problem.wearers, strict=True)
         ]
         frames.append(replace(frame, views=[None] * len(problem.cameras), contacts=contacts))
-        R = turn_bones(problem, last_frame, state, frame, shared)
+        R = np.empty_like(state.R_parent_child)
+        for w, wearer in enumerate(problem.wearers):
+            turns = _turns(last_frame, frame, problem.sensors[w], shared.wearers[w].headings)
+            R[w] = _with_turned_bones(bodies[w].R_world_bone[0], [sensor.bone for sensor in wearer.sensors], *turns)
         moved_by = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
         p = state.p_world_pelvis + moved_by
         states.append(FrameState(R, p, *_carried_poses(float(yaw[0]), state, at_find, tracked)))
     if start.has_views:
-        placed = None
-        for number, associated in enumerate(start.associated):
-            camera = start.with_lens(
-                next(stream_camera for stream_camera in cameras if stream_camera.name == associated.camera.name)
-            )
-            frames_of_camera = [
-                frame for frame in video if frame.camera == camera.name and frame.frame in smoother.numbers
-            ]
-            placed = placed or _placed(start, states, smoother.numbers[0], number, camera, frames_of_camera)
+        recent = [frame for frame in video if frame.frame in smoother.numbers]
+        every = (_placed(start, states, smoother.numbers[0], camera, recent) for camera in cameras)
+        placed = next((states_by_camera for states_by_camera in every if states_by_camera is not None), None)
         if placed is None:
             return None
         states = placed
@@ -308,41 +291,32 @@ def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStar
     if problem.wearers[0].has_floor:
         shift[2] = 0.0  # the floor is better known now than before
 
-    def moved(p: Array) -> Array:
-        return np.asarray(p @ turn.T + shift)
-
-    def moved_frame(state: FrameState) -> FrameState:
-        R = state.R_parent_child.copy()
-        R[:, 0] = turn @ R[:, 0]
-        return FrameState(R, moved(state.p_world_pelvis), turn @ state.R_world_camera, moved(state.p_world_camera))
+    def moved(R: Array, p: Array) -> tuple[Array, Array]:
+        return turn @ R, p @ turn.T + shift
 
     cameras = tuple(
         replace(
             camera,
-            poses=CameraPoses(turn @ camera.poses.R_world_camera, moved(camera.poses.p_world_camera)),
+            poses=CameraPoses(*moved(camera.poses.R_world_camera, camera.poses.p_world_camera)),
             heading=camera.heading + angle,
         )
         for camera in shared.cameras
     )
     wearers = tuple(wearer.turned(angle, shift) for wearer in shared.wearers)
     problem.turn_headings(angle)
-    return replace(
-        start,
-        shared=replace(shared, wearers=wearers, cameras=cameras),
-        states=[moved_frame(state) for state in start.states],
-    )
+    R = state.R_parent_child.copy()
+    R[:, 0], p = moved(R[:, 0], state.p_world_pelvis)
+    moved_state = FrameState(R, p, *moved(state.R_world_camera, state.p_world_camera))
+    return replace(start, shared=replace(shared, wearers=wearers, cameras=cameras), states=[moved_state])
 
 
 def _placed(
-    start: TrackingStart,
-    states: Sequence[FrameState],
-    first_number: int,
-    number: int,
-    camera: Camera,
-    video: Sequence[VideoFrame],
+    start: TrackingStart, states: Sequence[FrameState], first_number: int, camera: Camera, video: Sequence[VideoFrame]
 ) -> list[FrameState] | None:
     """States from ``first_number`` on with the wearers located by one camera; None if it shows nobody."""
-    if not video:
+    used = [associated.camera.name for associated in start.associated]
+    video = [frame for frame in video if frame.camera == camera.name]
+    if camera.name not in used or not video:
         return None
     skeletons = [wearer.skeleton for wearer in start.problem.wearers]
     index = np.array([frame.frame - first_number for frame in video])
@@ -351,8 +325,9 @@ def _placed(
         forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
         for skeleton, wearer in zip(skeletons, scene.wearers, strict=True)
     ]
-    poses = scene.cameras[number].at_frames(slice(0, len(index)))
-    places = locate_wearers(camera, (poses.R_world_camera, poses.p_world_camera), bodies, skeletons, video)
+    poses = scene.cameras[used.index(camera.name)].at_frames(slice(0, len(index)))
+    pose = poses.R_world_camera, poses.p_world_camera
+    places = locate_wearers(start.with_lens(camera), pose, bodies, skeletons, video)
     visible, p_world_pelvis = np.isfinite(places[..., 0]), np.stack([state.p_world_pelvis for state in states])
     if not visible.any():
         return None

@@ -62,11 +62,6 @@ def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
     return replace(static, wearers=wearers, cameras=cameras)
 
 
-def without_frames(state: SceneState) -> SceneState:
-    """State of the shared variables, without frames; includes poses of standing cameras."""
-    return state.window(slice(0, 0))
-
-
 class LagProblem:
     """Makes the problem of any stretch of frames.
 
@@ -90,9 +85,8 @@ class LagProblem:
     ) -> None:
         self.wearers, self.cameras = tuple(wearers), tuple(cameras)
         self.sensors, self.step = list(sensors), step
-        self._points = [[view.points for view in views_of_camera] for views_of_camera in views]
-        grounds = [[view.ground for view in views_of_camera] for views_of_camera in views]
-        self.feet = [[None if ground is None else ground.feet for ground in row] for row in grounds]
+        self._points = [[view.points for view in row] for row in views]
+        self.feet = [[None if view.ground is None else view.ground.feet for view in row] for row in views]
         bare = SceneProblem(self.wearers, self.cameras, tuple(map(tuple, views)))
         self.layout = scene_layout(bare, settings.walk, settings.relinearisation.shared_deg)
         self.carried = [number for number, camera in enumerate(self.cameras) if camera.moving]
@@ -132,47 +126,34 @@ class LagProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
         time = frames[0].time + self.step * np.arange(len(frames))
         measurements = imu_arrays(frames)
-        wearers = []
+        # The lag is shorter than a silence that begins a new stretch.
+        begins = np.arange(len(time)) == 0 if len(time) * self.step < POSE_S else np.zeros(0, bool)
+
+        def imu_frames(names: tuple[str, ...], columns: np.ndarray) -> ImuFrames:
+            return ImuFrames(names, time, *(values[:, columns] for values in measurements), self.step, begins)
+
+        wearers, cameras, views = list[WearerProblem](), list[CameraProblem](), list[tuple[KeypointView, ...]]()
         for number, wearer in enumerate(self.wearers):
-            contacts = np.array([frame.contacts[number] for frame in frames])
             pose = wearer.initial_pose
-            if pose is not None:
-                pose = replace(pose, passed=frames[0].number)
             wearers.append(
                 replace(
                     wearer,
-                    frames=_imu_frames(wearer.frames.sensors, time, measurements, self.sensors[number], self.step),
-                    contact_confidence=contacts,
-                    initial_pose=pose,
+                    frames=imu_frames(wearer.frames.sensors, self.sensors[number]),
+                    contact_confidence=np.array([frame.contacts[number] for frame in frames]),
+                    initial_pose=None if pose is None else replace(pose, passed=frames[0].number),
                     is_beginning=beginning,
                 )
             )
-        cameras = list[CameraProblem]()
         for number, camera in enumerate(self.cameras):
-            imu = camera.imu
-            if imu is not None:
-                imu = _imu_frames(imu.sensors, time, measurements, self.camera_sensors(number), self.step)
+            imu = None if camera.imu is None else imu_frames(camera.imu.sensors, self.camera_sensors(number))
             cameras.append(replace(camera, is_beginning=beginning, imu=imu))
-        views = tuple(self._views(frames, number) for number in range(len(self._points)))
-        return SceneProblem(tuple(wearers), tuple(cameras), views)
+        for number, (points, feet) in enumerate(zip(self._points, self.feet, strict=True)):
+            seen = [frame.views[number] or (None,) * len(points) for frame in frames]
+            of_wearers = zip(points, zip(*seen, strict=True), feet, strict=True)
+            views.append(tuple(KeypointView.joined(*of_wearer) for of_wearer in of_wearers))
+        return SceneProblem(tuple(wearers), tuple(cameras), tuple(views))
 
     @property
     def has_views(self) -> bool:
         """Whether any camera observes a wearer."""
         return any(len(points) for camera in self._points for points in camera)
-
-    def _views(self, frames: Sequence[LiveFrame], camera: int) -> tuple[KeypointView, ...]:
-        views = [frame.views[camera] for frame in frames]
-        joined = list[KeypointView]()
-        for wearer, (points, feet) in enumerate(zip(self._points[camera], self.feet[camera], strict=True)):
-            own_views = [None if row is None else row[wearer] for row in views]
-            joined.append(KeypointView.joined(points, own_views, feet))
-        return tuple(joined)
-
-
-def _imu_frames(
-    names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray, step: float
-) -> ImuFrames:
-    R, orientation_valid, force, acceleration_valid = (values[:, columns] for values in parts)
-    begins = np.arange(len(time)) == 0 if len(time) * step < POSE_S else np.zeros(0, bool)  # shorter than a silence
-    return ImuFrames(names, time, R, orientation_valid, force, acceleration_valid, step, begins)

@@ -79,7 +79,8 @@ def recalibrate(
         solve=replace(settings.solve, relative_decrease=settings.fusion.relative_decrease),
     )
     with threadpool_limits(limits=1, user_api="blas"):
-        coarse, end = solve_stretch(stretch, batch, previous_calibration, previous), stretch.tail(FRAMES)
+        coarse = solve_stretch(stretch, batch, previous_calibration, previous)
+        end = MeasuredStretch(stretch.head, stretch.frames[-FRAMES:])
         fine = coarse.problem_on(end.frames_of(coarse), batch)
         wearers = tuple(
             _free_calibration(*wearer, settings) for wearer in zip(fine.model.wearers, fine.state.wearers, strict=True)
@@ -146,7 +147,7 @@ def _free_calibration(model: WearerProblem, state: WearerState, settings: LiveSe
 
 
 class RecalibrationProcess:
-    """Process that solves stretches; ended by :meth:`close`, or with the program."""
+    """Process that solves stretches; :attr:`close` ends it, whatever its state, and so does the end of the program."""
 
     def __init__(self) -> None:
         niceness = 10  # the tracker's updates come first
@@ -161,7 +162,7 @@ class RecalibrationProcess:
         )
         if hasattr(os, "setpriority"):  # from outside: the imports of the process take a second
             os.setpriority(os.PRIO_PROCESS, self._process.pid, niceness)
-        self._end = weakref.finalize(self, _end_process, self._process)
+        self.close = weakref.finalize(self, _end_process, self._process)
 
     def submit(
         self,
@@ -171,18 +172,11 @@ class RecalibrationProcess:
         previous: TrackingStart | None = None,
     ) -> "Future[TrackingStart]":
         """Submit a stretch, one at a time. The future raises :class:`SolveError` if it cannot be solved."""
-        answer: Future[TrackingStart] = Future()
-        frames = stretch.frames
+        answer, frames = Future[TrackingStart](), stretch.frames
         # Pickled here, because the tracker goes on changing caches of these objects.
-        request = pickle.dumps(
-            (stretch.head, len(frames), (settings, previous_calibration, previous)), pickle.HIGHEST_PROTOCOL
-        )
+        request = pickle.dumps((stretch.head, len(frames), (settings, previous_calibration, previous)))
         threading.Thread(target=_transfer, args=(self._process, request, frames, answer), daemon=True).start()
         return answer
-
-    def close(self) -> None:
-        """End the process, whatever its state."""
-        self._end()
 
 
 def _transfer(
@@ -195,7 +189,7 @@ def _transfer(
     try:
         process.stdin.write(request)
         for begin in range(0, len(frames), piece):
-            pickle.dump(frames[begin : begin + piece], process.stdin, pickle.HIGHEST_PROTOCOL)
+            pickle.dump(frames[begin : begin + piece], process.stdin)
         process.stdin.flush()
         result = pickle.load(process.stdout)
     except (OSError, ValueError, EOFError, pickle.UnpicklingError):
@@ -246,7 +240,7 @@ def main() -> None:
         except Exception as error:  # the stream continues with what it has, and reports it
             result = f"{type(error).__name__}: {error}"
         try:
-            pickle.dump(result, answers, pickle.HIGHEST_PROTOCOL)
+            pickle.dump(result, answers)
             answers.flush()
         except BrokenPipeError:  # the parent process was killed
             os._exit(1)  # without flushing the buffer
@@ -311,20 +305,19 @@ class Recalibrator:
         if not self._measurements:
             self._since = self._began = measured.number
             self._still = set(range(len(self._columns)))
-        if measured.video:
-            measured = replace(measured, video=tuple(filter(self._is_needed, measured.video)))
+        video = list[VideoFrame]()
+        for frame in measured.video:
+            # The first of its camera in a coarse frame; further ones add hardly any information.
+            camera, coarse = frame.camera, frame.frame // self._settings.coarse_factor
+            if coarse > self._last_coarse.get(camera, -1):
+                video.append(frame)
+                self._last_coarse[camera] = coarse
+        measured = replace(measured, video=tuple(video))
         self._measurements.append(measured)
         if self._still:
             first_frame = self._measurements[0]
             self._still -= {w for w in self._still if self._has_turned(self._columns[w], first_frame, measured)}
             self._moving_from = measured.number + round(moving_s * self._settings.frame_rate)
-
-    def _is_needed(self, video: VideoFrame) -> bool:
-        """Whether it is the first of its camera in a coarse frame; further ones add hardly any information."""
-        camera, coarse = video.camera, video.frame // self._settings.coarse_factor
-        is_first = coarse > self._last_coarse.get(camera, -1)
-        self._last_coarse[camera] = max(coarse, self._last_coarse.get(camera, -1))
-        return is_first
 
     def _has_turned(self, columns: np.ndarray, first_frame: LiveFrame, frame: LiveFrame) -> bool:
         """Whether a quarter of a wearer's sensors has turned."""
@@ -346,25 +339,25 @@ class Recalibrator:
 
     def leave_out(self, columns: Sequence[int], number: int) -> None:
         """Ignore what sensors (columns) measured up to a frame, because they have moved."""
-        recalibration = self._settings.recalibration
         self._usable_from.update((column, number + 1) for column in columns)
         self._moved.update(columns)
         self._previous = None
         if not self._is_urgent:  # a sensor that moves again and again would prevent any result
-            self._since, self._due_s, self._is_urgent = number, recalibration.first_s * self.GROWTH, True
+            due_s = self._settings.recalibration.first_s * self.GROWTH
+            self._since, self._due_s, self._is_urgent = number, due_s, True
 
     def begin(self, newest: FrameState) -> None:
         """Submit the measurements if it is time; ``newest`` is the state of the last frame as tracked."""
         ready = 0.6  # of the data, at which the process is started: it takes a second or two
-        recalibration, rate = self._settings.recalibration, self._settings.frame_rate
         if self._is_closed or self._job is not None or not self._measurements:
             return
-        unchanged_s = (self._measurements[-1].number + 1 - self._since) / rate
+        last_number = self._measurements[-1].number
+        unchanged_s = (last_number + 1 - self._since) / self._settings.frame_rate
         if unchanged_s < ready * self._due_s:
             return
         if self._process is None:
             self._process = RecalibrationProcess()
-        is_moving = not self._still and self._measurements[-1].number >= self._moving_from
+        is_moving = not self._still and last_number >= self._moving_from
         if unchanged_s < self._due_s or (not is_moving and unchanged_s < self.STILL_S):
             return
         stretch = self._stretch()
@@ -373,24 +366,23 @@ class Recalibrator:
         previous = self._previous if calibration is None else None
         answer = self._process.submit(stretch, self._settings, calibration, previous)
         self._job, self._is_stale, self._is_urgent, self._moved = _Job(stretch, newest, answer), False, False, set()
-        self._due_s += min((self.GROWTH - 1) * self._due_s, recalibration.longest_s)
+        self._due_s += min((self.GROWTH - 1) * self._due_s, self._settings.recalibration.longest_s)
 
     def _stretch(self) -> MeasuredStretch:
-        measurements = [self._without_moved(frame) for frame in self._measurements]
+        """The measurements, without those of sensors from before they moved."""
+        measurements = list[LiveFrame]()
+        for frame in self._measurements:
+            moved = [column for column, usable_from in self._usable_from.items() if frame.number < usable_from]
+            if moved:
+                oriented, accelerated = frame.orientation_valid.copy(), frame.acceleration_valid_before.copy()
+                oriented[moved] = accelerated[moved] = False
+                frame = replace(frame, orientation_valid=oriented, acceleration_valid_before=accelerated)
+            measurements.append(frame)
         first_number = measurements[0].number
         if first_number == 0 and self._usable_from:
             first_number = 1  # moved sensors sat differently while the declared pose was held
         video = -first_number % self._settings.coarse_factor  # needed video starts with a coarse frame
         return MeasuredStretch(self._head, measurements[first_number + video - measurements[0].number :])
-
-    def _without_moved(self, measured: LiveFrame) -> LiveFrame:
-        moved = [column for column, usable_from in self._usable_from.items() if measured.number < usable_from]
-        if not moved:
-            return measured
-        orientation_valid = measured.orientation_valid.copy()
-        acceleration_valid = measured.acceleration_valid_before.copy()
-        orientation_valid[moved] = acceleration_valid[moved] = False
-        return replace(measured, orientation_valid=orientation_valid, acceleration_valid_before=acceleration_valid)
 
     def answer(self, newest: int) -> TrackingStart | Finding | None:
         """The result of a recalibration, or the reason why there is none; None while it is not time.

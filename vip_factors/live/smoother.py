@@ -1,7 +1,6 @@
 """Fixed-lag smoother of a stream: relinearisation, marginalisation and the state of all variables."""
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +38,7 @@ class LagSmoother:
     Attributes:
         problem: problem of any stretch.
         shared: current state of the shared variables, without frames.
+        shared_coordinates: their coordinates ``(s,)``, relative to the start of tracking.
         waited: whether the last update postponed the relinearisation of moved frames.
     """
 
@@ -54,7 +54,7 @@ class LagSmoother:
         self.problem, self._settings = problem, settings
         self._extra = None if extra is None else StreamedTerms(extra, problem.layout)
         self.shared = self._origin = shared
-        self._coordinates = np.zeros(problem.layout.static_width)
+        self.shared_coordinates = np.zeros(problem.layout.static_width)
         self._frames: deque[_LagEntry] = deque()
         self._solution: JoinedSolution | None = None
         self._beginning = 0  # number of the very first frame
@@ -62,7 +62,6 @@ class LagSmoother:
         self._continued = 0 if information is None else round(settings.lag_s * settings.frame_rate) + REACH
         self.waited = False
         self._walks: dict[int, Array] = {}  # sigmas by frame, of a random walk of the shared variables after it
-        self._epoch: dict[int, int] = {}  # by frame: number of such steps before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
         self._inflation = np.zeros(problem.layout.static_width)  # variances of the step after the newest frame
         self._layout = layout = problem.layout
@@ -108,31 +107,24 @@ class LagSmoother:
     def append(self, frame: LiveFrame, guess: FrameState) -> None:
         """Append a new frame; it counts from the next update on."""
         least_step = 1e-5  # of shared variables without a step: information stays finite
-        if frame.number - 1 in self._epoch:
-            previous_number = frame.number - 1
+        if self._frames:
             step = self._inflation + (self._usual_walk**2 if frame.number % self._every == 0 else 0.0)
             if np.any(step):
-                self._walks[previous_number] = np.sqrt(np.maximum(step, least_step**2))
-            self._epoch[frame.number], self._inflation = (
-                self._epoch[previous_number] + (previous_number in self._walks),
-                np.zeros_like(step),
-            )
+                self._walks[frame.number - 1] = np.sqrt(np.maximum(step, least_step**2))
+            self._inflation = np.zeros_like(step)
         else:
-            self._epoch[frame.number], self._beginning = 0, frame.number
+            self._beginning = frame.number
         self._frames.append(_LagEntry(frame, guess, np.zeros(self._layout.frame_width), guess))
         if self._extra is not None:
             self._extra.append(frame.number, frame.time)
 
-    def inflate_sigmas(self, sigmas: Array) -> None:
-        """Let shared variables step by ``sigmas`` ``(s,)`` after the newest frame, because a sensor has moved."""
-        self._inflation = self._inflation + sigmas**2
-
-    def inflate_sensor_sigmas(self, wearer: int, sensor: int, heading_deg: float, mounting_deg: float) -> None:
-        """Let one sensor's heading and mounting step by these angles before the newest frame: it has moved."""
+    def free_sensor(self, wearer: int, sensor: int) -> None:
+        """Free the calibration of a sensor after the newest frame, because it has moved."""
+        straps_slip_deg = {"headings": 40.0, "R_bone_sensor": 30.0}
         owner, sigmas = OwnerId(Owner.WEARER, wearer), np.zeros(self._layout.static_width)
-        for block, degrees in (("headings", heading_deg), ("R_bone_sensor", mounting_deg)):
+        for block, degrees in straps_slip_deg.items():
             sigmas[self._layout.item_columns(owner, block, sensor)] = np.deg2rad(degrees)
-        self.inflate_sigmas(sigmas)
+        self._inflation = self._inflation + sigmas**2
 
     def scene(self, numbers: range) -> tuple[SceneProblem, SceneState]:
         """A scene of some frames, without priors."""
@@ -158,7 +150,7 @@ class LagSmoother:
         state = stacked([entry.state for entry in entries], self.shared)
         model = self.problem.model([entry.frame for entry in entries], beginning=start == self._beginning)
         coordinates = np.array([entry.coordinates for entry in entries])
-        charts = Charts.at(self._layout, coordinates, self._coordinates)
+        charts = Charts.at(self._layout, coordinates, self.shared_coordinates)
         slices = self._slices = joined_slices(self._layouts, model, state, self._slices, charts)
         if self._extra is not None:
             self._extra.add_to(slices[0].blocks(len(entries)), state, start, charts)
@@ -167,7 +159,7 @@ class LagSmoother:
         if self._information is not None and start == self._beginning:
             self._add_information(self._information)
         origins = [
-            (coordinates[:, part_columns.frame], self._coordinates[part_columns.static])
+            (coordinates[:, part_columns.frame], self.shared_coordinates[part_columns.static])
             for part_columns in self._columns
         ]
         for t, entry in enumerate(entries):
@@ -176,38 +168,29 @@ class LagSmoother:
                 for slices_of_part, (frames, shared) in zip(slices, origins, strict=True)
             ]
             self._chain.eliminate(entry.frame.number, quadratics, self._walks.get(entry.frame.number))
-            entry.linearised, entry.shared = entry.coordinates, self._coordinates
-        self._update_states()
+            entry.linearised, entry.shared = entry.coordinates, self.shared_coordinates
+        self._solution = solution = self._chain.solution()
+        states = self.problem.moved_frames([entry.origin for entry in self._frames], solution.values)
+        for entry, coordinates_of_frame, moved in zip(self._frames, solution.values, states, strict=True):
+            entry.coordinates, entry.state = coordinates_of_frame, moved
+        if self._layout.static_width:
+            self.shared_coordinates = solution.shared
+            self.shared = self._origin.retract_static(self._layout, self.shared_coordinates)
 
     def marginalise_before(self, first_kept: int) -> None:
         """Marginalise frames with smaller numbers than ``first_kept``."""
         while self._frames and self._frames[0].frame.number < first_kept:
             number = self._frames.popleft().frame.number
             self._walks.pop(number, None)
-            self._epoch.pop(number, None)
         if self._extra is not None:
             self._extra.drop_before(first_kept)
         self._chain.marginalise_before(first_kept)
 
-    def covariance(self, number: int) -> Array:
-        """Marginal covariance ``(w, w)`` of a frame's coordinates."""
-        assert self._solution is not None
-        return self._solution.covariance(number)
-
-    def covariance_in_steps(self, number: int) -> Iterator[Array | None]:
-        """Compute :meth:`covariance` one step at a time; None until the last step."""
-        assert self._solution is not None
-        return self._solution.covariance_in_steps(number)
-
     @property
-    def shared_coordinates(self) -> Array:
-        """Coordinates of the shared variables ``(s,)``, relative to the start of tracking."""
-        return self._coordinates
-
-    def shared_covariance(self) -> Array:
-        """Marginal covariance ``(s, s)`` of the shared variables."""
+    def solution(self) -> JoinedSolution:
+        """Solution of the last update, with covariances in coordinates."""
         assert self._solution is not None
-        return self._solution.shared_covariance()
+        return self._solution
 
     def _add_information(self, information: Array) -> None:
         """Add the information from before the first frame: to each part, what parts have in common only once."""
@@ -220,7 +203,7 @@ class LagSmoother:
                 information_of_part[start:, start:] -= marginal(information, common)
             shared = slice((REACH + 1) * slices.frame, None)
             slices.hessian[0, shared, shared] += information_of_part
-            slices.gradient[0, shared] += information_of_part @ self._coordinates[columns_of_part.static]
+            slices.gradient[0, shared] += information_of_part @ self.shared_coordinates[columns_of_part.static]
 
     def _hold_undetermined(self, coordinates: Array, first_frames: int) -> None:
         """Hold predicted states where no measurement determines them.
@@ -243,15 +226,6 @@ class LagSmoother:
                     offset = coordinates[:held_frames, columns_of_part.frame[rows]]
                     slices.gradient[:held_frames, rows] += offset / predicted_sigma**2
 
-    def _update_states(self) -> None:
-        self._solution = solution = self._chain.solution()
-        states = self.problem.moved_frames([entry.origin for entry in self._frames], solution.values)
-        for entry, coordinates, state in zip(self._frames, solution.values, states, strict=True):
-            entry.coordinates, entry.state = coordinates, state
-        if self._layout.static_width:
-            self._coordinates = solution.shared
-            self.shared = self._origin.retract_static(self._layout, self._coordinates)
-
     def _first_moved(self) -> int:
         """Number of the earliest frame to be relinearised because its variables have moved."""
         settings, newest = self._settings.relinearisation, self.numbers[-1]
@@ -261,7 +235,7 @@ class LagSmoother:
                 break
             if np.any(np.abs(entry.coordinates - entry.linearised) > self._limits):
                 return number
-            if np.any(np.abs(self._coordinates - entry.shared) > self._shared_limits):
+            if np.any(np.abs(self.shared_coordinates - entry.shared) > self._shared_limits):
                 return number
         return newest
 

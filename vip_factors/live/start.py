@@ -13,9 +13,9 @@ from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.initialise.start_search import Starts
-from vip_factors.live.measurement import LiveFrame, MeasuredStretch
-from vip_factors.live.problem import FrameState, LagProblem, without_frames
-from vip_factors.problem.scene import KeypointView, SceneProblem
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch, video_of
+from vip_factors.live.problem import FrameState, LagProblem
+from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
@@ -81,22 +81,26 @@ def solve_stretch(
     scene, solver = stretch.scene(), Solver(settings.solve, silent)
     if previous_calibration is not None:
         scene = replace(scene, wearers=tuple(previous_calibration.embodied(wearer) for wearer in scene.wearers))
-    frames = [stretch.imu_frames(wearer.subject.name, wearer.placed) for wearer in scene.wearers]
-    coarse = [coarser(imu_frames, settings.coarse_factor) for imu_frames in frames]
-    recordings = list(zip(scene.wearers, coarse, strict=True))
+    recordings = list[tuple[Recording, ImuFrames]]()
+    for wearer in scene.wearers:
+        frames = stretch.imu_frames(wearer.subject.name, wearer.placed)
+        recordings.append((wearer, coarser(frames, settings.coarse_factor)))
     is_calibrated = False
     if previous_calibration is not None:
         wearers = tuple(_inertial_after(*pair, settings, solver, previous_calibration) for pair in recordings)
     else:
         starts = [find_start(*pair, settings, solver.progress_of("start")) for pair in recordings]
-        calibrations = list[InitialCalibration | None]()
+        calibrations = list[InitialCalibration | None]([None] * len(recordings))
         if previous is not None:
             solved = zip(previous.problem.wearers, previous.shared.wearers, strict=True)
-            pairs = zip(starts, recordings, solved, strict=False)
+            pairs = zip(starts, recordings, solved, strict=True)
             calibrations = [_as_before(start, imu_frames, *wearer) for (start, _), (_, imu_frames), wearer in pairs]
-        is_calibrated = bool(calibrations) and all(calibration is not None for calibration in calibrations)
-        every = zip(recordings, starts, calibrations if is_calibrated else [None] * len(recordings), strict=True)
-        wearers = tuple(_inertial(*pair, settings, solver, start, calibration) for pair, start, calibration in every)
+        is_calibrated = None not in calibrations
+        every = zip(recordings, starts, calibrations, strict=True)
+        wearers = tuple(
+            _inertial(*pair, settings, solver, start, calibration if is_calibrated else None)
+            for pair, start, calibration in every
+        )
     if settings.fusion.use_camera and any(len(camera.detections) for camera in scene.cameras):
         start = start_before_cameras(scene, wearers, settings, solver, is_calibrated)
         if isinstance(start, FusionStart):
@@ -272,33 +276,24 @@ def tracking_start(
     stretch: MeasuredStretch, coarse: SceneSolution, fine: FusionSolution, settings: LiveSettings
 ) -> TrackingStart:
     """Start from a solution ``fine`` on all frames of a stretch."""
-    model, state, spreads = fine.model, fine.state, fine.spreads
-    frames = _lag_frames(stretch, model)
-    states = [FrameState.of(state, t) for t in range(len(frames))]
-    problem, video = _lag_problem(stretch, coarse, model, settings), tuple(stretch.video)
-    return TrackingStart(problem, without_frames(state), frames, states, coarse.associated, spreads, video=video)
-
-
-def _lag_problem(
-    stretch: MeasuredStretch, coarse: SceneSolution, model: SceneProblem, settings: LiveSettings
-) -> LagProblem:
-    sensors = [
-        np.array([stretch.column(recording.subject.name, name) for name in wearer.frames.sensors], dtype=int)
-        for recording, wearer in zip(coarse.scene.wearers, model.wearers, strict=True)
-    ]
-    sensors += [
-        np.array([stretch.column(associated.camera.name, camera.imu.sensors[0])])
-        for associated, camera in zip(coarse.associated, model.cameras, strict=True)
-        if camera.imu is not None
-    ]
-    return LagProblem(model.wearers, model.cameras, model.views, sensors, model.wearers[0].frames.step, settings)
-
-
-def _lag_frames(stretch: MeasuredStretch, model: SceneProblem) -> list[LiveFrame]:
-    frames = list[LiveFrame]()
+    model, state = fine.model, fine.state
+    frames, states = list[LiveFrame](), list[FrameState]()
     for t, frame in enumerate(stretch.frames):
         views: list[tuple[KeypointView, ...] | None] = [
             tuple(view.at_frames(slice(t, t + 1)) for view in of_camera) for of_camera in model.views
         ]
         frames.append(replace(frame, views=views, contacts=[wearer.contact_confidence[t] for wearer in model.wearers]))
-    return frames
+        states.append(FrameState.of(state, t))
+    sensors = [
+        stretch.columns_of(recording.subject.name, wearer.frames.sensors)
+        for recording, wearer in zip(coarse.scene.wearers, model.wearers, strict=True)
+    ]
+    sensors += [
+        stretch.columns_of(associated.camera.name, camera.imu.sensors)
+        for associated, camera in zip(coarse.associated, model.cameras, strict=True)
+        if camera.imu is not None
+    ]
+    step, shared = model.wearers[0].frames.step, state.window(slice(0, 0))
+    problem = LagProblem(model.wearers, model.cameras, model.views, sensors, step, settings)
+    video = tuple(video_of(stretch.frames))
+    return TrackingStart(problem, shared, frames, states, coarse.associated, fine.spreads, video=video)

@@ -208,10 +208,9 @@ class Tracking:
 
     def _free_sensor(self, wearer: int, sensor: int) -> None:
         """Free the calibration of a sensor after the newest frame."""
-        newest, heading_sigma_deg, mounting_sigma_deg = self.smoother.numbers[-1], 40.0, 30.0  # straps slip so far
-        self.smoother.inflate_sensor_sigmas(wearer, sensor, heading_sigma_deg, mounting_sigma_deg)
+        self.smoother.free_sensor(wearer, sensor)
         if self._slips is not None:
-            self._slips.restart([self._sensors.index((wearer, sensor))], newest)
+            self._slips.restart([self._sensors.index((wearer, sensor))], self.smoother.numbers[-1])
 
     def free_sensors(self, columns: Sequence[int]) -> None:
         """Free the calibration of sensors (columns) that have moved since it was estimated."""
@@ -306,7 +305,7 @@ class Tracking:
         if self._slips is None or newest < self._next_test + self._patience:
             return []
         self._next_test = newest + self.COVARIANCE_EVERY
-        estimate = newest, smoother.shared_coordinates, smoother.shared_covariance()
+        estimate = newest, smoother.shared_coordinates, smoother.solution.shared_covariance()
         moved = [self._sensors[sensor_index] for sensor_index in self._slips.confirmed(*estimate)]
         slipped = self._slips.slipped(*estimate)
         if slipped is not None:

@@ -12,7 +12,7 @@ from vip_factors.errors import SolveError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.live import recalibrator
-from vip_factors.live.measurement import LiveFrame, MeasuredStretch
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch, video_of
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.start import EarlierCalibration, TrackingStart
@@ -152,7 +152,7 @@ def test_of_each_camera_one_video_frame_is_kept_for_each_coarse_one(asked: list[
         video = tuple(VideoFrame(name, number / RATE, *none, number) for name in names)
         one.remember(replace(turning(number), video=video if number % every == late else ()))
         one.begin(NEWEST)
-    kept = asked[0][0].video
+    kept = video_of(asked[0][0].frames)
     for name in names:
         frames = [video.frame for video in kept if video.camera == name]
         assert frames == list(range(late, len(asked[0][0].frames), SETTINGS.coarse_factor))

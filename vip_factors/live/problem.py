@@ -130,7 +130,8 @@ class LagProblem:
         begins = np.arange(len(time)) == 0 if len(time) * self.step < POSE_S else np.zeros(0, bool)
 
         def imu_frames(names: tuple[str, ...], columns: np.ndarray) -> ImuFrames:
-            return ImuFrames(names, time, *(values[:, columns] for values in measurements), self.step, begins)
+            R, orientation_valid, force, acceleration_valid = (values[:, columns] for values in measurements)
+            return ImuFrames(names, time, R, orientation_valid, force, acceleration_valid, self.step, begins)
 
         wearers, cameras, views = list[WearerProblem](), list[CameraProblem](), list[tuple[KeypointView, ...]]()
         for number, wearer in enumerate(self.wearers):

@@ -124,7 +124,7 @@ class LagProblem:
 
     def model(self, frames: Sequence[LiveFrame], beginning: bool) -> SceneProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
-        time: Array = frames[0].time + self.step * np.arange(len(frames))
+        time: np.ndarray = frames[0].time + self.step * np.arange(len(frames))
         measurements = imu_arrays(frames)
         # The lag is shorter than a silence that begins a new stretch.
         begins = np.arange(len(time)) == 0 if len(time) * self.step < POSE_S else np.zeros(0, bool)

@@ -256,7 +256,7 @@ def _cut(imus: Mapping[str, ImuStream], options: ImportOptions, notes: list[str]
     """The streams between start and end, on a clock that begins at start."""
     if options.start_s is None and options.end_s is None:
         return dict(imus)
-    start, end = options.start_s or 0.0, float("inf") if options.end_s is None else options.end_s
+    start, end = options.start_s or 0.0, np.inf if options.end_s is None else options.end_s
     parts = {}
     for name, stream in imus.items():
         if np.any((stream.time >= start) & (stream.time <= end)):

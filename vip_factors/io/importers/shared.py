@@ -59,45 +59,6 @@ def only_file(path: Path, files: Sequence[Path], expected: str) -> Path:
     return files[0]
 
 
-def sensor_files(
-    path: Path, suffixes: tuple[str, ...], is_ours: Callable[[Path], bool], split: Callable[[str], tuple[str, str]]
-) -> dict[str, Path]:
-    """Sensor name → file, for the files of the one recording at ``path``.
-
-    Args:
-        path: a file, a folder or a prefix.
-        suffixes: of the files, lower case with the dot.
-        is_ours: whether a file is of the format, by content.
-        split: of a file's stem into recording and sensor name.
-
-    Raises:
-        FileFormatError: if there is none, several recordings, or two files of one sensor.
-    """
-    others = candidates(path, suffixes)
-    files = [file for file in others if is_ours(file)]
-    if not files:
-        kind = " or ".join(suffixes)
-        reason = f"none of its {len(others)} {kind} files is of this format" if others else f"no {kind} file there"
-        raise FileFormatError(f"{path}: {reason}")
-    recordings: dict[str, dict[str, Path]] = {}
-    for file in files:
-        recording, sensor = split(file.stem)
-        sensors = recordings.setdefault(recording, {})
-        if sensor in sensors:
-            raise FileFormatError(
-                f"{path}: {sensors[sensor].name} and {file.name} are both of sensor '{sensor}': expected one file per "
-                "sensor; keep each recording in a folder of its own"
-            )
-        sensors[sensor] = file
-    if len(recordings) > 1:
-        folder = path if path.is_dir() else path.parent
-        raise FileFormatError(
-            f"{path}: holds files of {len(recordings)} recordings ({', '.join(list(recordings)[:4])} …); "
-            f"name the one you mean, such as {folder / next(iter(recordings))}"
-        )
-    return next(iter(recordings.values()))
-
-
 def merge_notes(notes: list[str]) -> tuple[str, ...]:
     """Merge notes ``file: sentence`` of the same sentence into one each."""
     files: dict[str, list[str]] = {}

@@ -195,10 +195,16 @@ def _stream(
         force = ACCELERATION_UNITS[entry.acceleration_unit] * force
     if rate is not None:
         rate = ANGULAR_RATE_UNITS[entry.angular_rate_unit] * rate
-        _check_rate(where, entry, rate)
+        fastest = float(np.nanmax(np.abs(rate[~rate_spikes(rate)]), initial=0.0))
+        if fastest > RATE_LIMIT:
+            raise FileFormatError(
+                f"{where}: angular_rate reaches {fastest / ANGULAR_RATE_UNITS[entry.angular_rate_unit]:.3g} "
+                f"{entry.angular_rate_unit}: expected at most {RATE_LIMIT:g} rad/s (4000 deg/s); check "
+                "angular_rate_unit"
+            )
     R = None
     if quaternion is not None:
-        _check_length(where, entry, quaternion)
+        _check_length(where, quaternion)
         up = "z" if entry.world_up == UP_OR_DOWN else entry.world_up
         R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
         notes += [f"{where}: {TURNED_OVER}"] if up == "-z" and force is not None else []
@@ -279,16 +285,7 @@ def _mean_force(time: Array, force: Array, rate: Array | None, R: Array | None) 
     return float(np.linalg.norm(np.einsum("nij,nj->i", stream.R_inertial_sensor, stream.specific_force)) / len(stream))
 
 
-def _check_rate(where: str, entry: SensorColumns, rate: Array) -> None:
-    fastest = float(np.nanmax(np.abs(rate[~rate_spikes(rate)]), initial=0.0))
-    if fastest > RATE_LIMIT:
-        raise FileFormatError(
-            f"{where}: angular_rate reaches {fastest / ANGULAR_RATE_UNITS[entry.angular_rate_unit]:.3g} "
-            f"{entry.angular_rate_unit}: expected at most {RATE_LIMIT:g} rad/s (4000 deg/s); check angular_rate_unit"
-        )
-
-
-def _check_length(where: str, entry: SensorColumns, quaternion: Array) -> None:
+def _check_length(where: str, quaternion: Array) -> None:
     length = np.linalg.norm(quaternion[np.all(np.isfinite(quaternion), axis=1)], axis=1)
     if not len(length):
         raise FileFormatError(f"{where}: quaternion holds no sample without a blank: expected numbers in its columns")

@@ -11,6 +11,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -78,14 +79,15 @@ class TextTable:
         alike = [name for name in self.names if name.lower() == column.lower()]
         if column not in self.names and len(alike) == 1:
             column = alike[0]
-        if column not in self.names:
+        places = [i for i, name in enumerate(self.names) if name == column]
+        if not places:
             raise InputError(f"{where}: {self.path} has no column '{column}'{nearest(column, self.names)}")
-        if self.names.count(column) > 1:
-            positions = ", ".join(str(i + 1) for i, name in enumerate(self.names) if name == column)
+        if len(places) > 1:
+            choices = ", ".join(str(i + 1) for i in places)
             raise InputError(
-                f"{where}: {self.path} has several columns '{column}': give the number of one of {positions}"
+                f"{where}: {self.path} has several columns '{column}': give the number of one of {choices}"
             )
-        return self.names.index(column)
+        return places[0]
 
     def numbers(self, columns: Sequence[int]) -> Array:
         """The columns of these indices ``(N, len(columns))``; blank cells and impossible numbers are NaN.
@@ -101,7 +103,17 @@ class TextTable:
                 rows, delimiter=self.separator or None, usecols=columns, comments=None, quotechar='"', ndmin=2
             )
         except ValueError:
-            values = np.array([self._row(row, line, columns) for row, line in zip(rows, self.lines, strict=True)])
+            values = np.empty((len(rows), len(columns)))
+            for index, row in enumerate(rows):
+                cells = split(row, self.separator)
+                for place, column in enumerate(columns):
+                    value = number(cells[column])
+                    if value is None:
+                        raise FileFormatError(
+                            f"{self.path}, line {self.lines[index]}: column '{self.names[column]}' is "
+                            f"'{cells[column].strip()[:40]}': expected a number"
+                        ) from None
+                    values[index, place] = value
         return np.where(np.abs(values) < LARGEST, values, np.nan)
 
     def group(self, names: Sequence[str]) -> Array | None:
@@ -114,18 +126,6 @@ class TextTable:
     def texts(self, column: int) -> list[str]:
         """The cells of a column as text."""
         return [split(row, self.separator)[column].strip() for row in self.rows]
-
-    def _row(self, row: str, line: int, columns: Sequence[int]) -> list[float]:
-        cells, values = split(row, self.separator), []
-        for column in columns:
-            value = number(cells[column])
-            if value is None:
-                raise FileFormatError(
-                    f"{self.path}, line {line}: column '{self.names[column]}' is '{cells[column].strip()[:40]}': "
-                    "expected a number"
-                )
-            values.append(value)
-        return values
 
 
 def number(cell: str) -> float | None:
@@ -272,12 +272,10 @@ def _is_data(row: str, separator: str, width: int) -> bool:
 def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
     """The lines right above the last one that have as many cells."""
     header: list[list[str]] = []
-    below = numbered[-1][0]
-    for line, row in reversed(numbered[-1 - HEADER_LINES : -1]):
+    for (line, row), (below, _) in zip(numbered[-2::-1][:HEADER_LINES], numbered[:0:-1], strict=False):
         cells = split(row, separator)
         if len(cells) != width or (header and (below != line + 1 or _is_data(row, separator, width))):
             break
-        below = line
         header.insert(0, cells)
     return header
 
@@ -297,18 +295,14 @@ def _units(header: list[list[str]]) -> tuple[str, ...]:
 
 
 def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:
-    """One name for each column; a blank in an upper line stands for the cell to its left."""
-    if not header:
-        return tuple(str(i + 1) for i in range(width))
-    filled = []
-    for number_of_line, cells in enumerate(header):
-        cells = [cell.strip().strip('"') for cell in cells]
-        if number_of_line < len(header) - 1:
-            for i in range(1, len(cells)):
-                cells[i] = cells[i] or cells[i - 1]
-        filled.append([*cells, *[""] * (width - len(cells))])
-    names = ["_".join(cell for cell in column if cell) for column in zip(*filled, strict=True)]
-    return tuple(name or str(i + 1) for i, name in enumerate(names[:width]))
+    """One name for each column, its number without a header; a blank in an upper line is as the cell to its left."""
+    lines = [[cell.strip().strip('"') for cell in cells] for cells in header]
+    for cells in lines[:-1]:
+        for i in range(1, len(cells)):
+            cells[i] = cells[i] or cells[i - 1]
+    columns = zip_longest(*lines, [""] * width, fillvalue="")
+    names = ["_".join(filter(None, column)) for column in columns]
+    return tuple(name or str(i) for i, name in enumerate(names[:width], start=1))
 
 
 def table_of_rows(

@@ -94,31 +94,24 @@ def read(path: Path) -> ImportedLog:
     sites, body = default_sites(list(imus)), _optical_body(file, notes)
     if body is None:
         return ImportedLog(FORMAT, imus, sites, notes=tuple(notes))
-    frames = table.numbers.astype(int) - 1 - body.first_frame
-    placement = _placement(file, sites, body, R_inertial_sensor, frames, notes)
+    placement = _placement(file, table, R_inertial_sensor, body, notes)
     stature_m = stature_of(body.motion.skeleton)
     return ImportedLog(FORMAT, imus, sites, placement, body.motion, stature_m=stature_m, notes=tuple(notes))
 
 
 def _placement(
-    file: Path,
-    sites: Mapping[str, str],
-    body: OpticalBody,
-    R_inertial_sensor: Mapping[str, Array],
-    frames: Array,
-    notes: list[str],
+    file: Path, table: SensorTable, R_inertial_sensor: Mapping[str, Array], body: OpticalBody, notes: list[str]
 ) -> Placement | None:
-    """The published mountings; a note says how far the bones that they give are from the optical ones.
-
-    ``frames`` ``(N,)`` are those of the motion at the sensors' samples.
-    """
+    """The published mountings; a note says how far the bones that they give are from the optical ones."""
     bone_file, ref_file = _companion(file, "calib_imu_bone.txt"), _companion(file, "calib_imu_ref.txt")
     if bone_file is None:
         notes.append("no mountings: calib_imu_bone.txt is not beside the sensors")
         return None
     R_joint_sensor = _read_calibration(bone_file)
     R_vicon_inertial = _read_calibration(ref_file) if ref_file else {}
+    frames = table.numbers.astype(int) - 1 - body.first_frame
     rows = np.flatnonzero((frames >= 0) & (frames < len(body.motion)))
+    sites = default_sites(list(table.names))
     placed, angles = [], []
     for name in (name for name in sites if name in R_joint_sensor):
         site = sensor_site(sites[name], body.motion.skeleton, name)
@@ -279,7 +272,7 @@ def _read_sensors(path: Path, notes: list[str]) -> SensorTable:
             rows.append(words[1:])
     if frames < announced:
         notes.append(f"{path.name} announces {announced} frames and holds {frames} whole ones")
-    return SensorTable(names, np.array(numbers), _numbers(path, rows, (7, 13)).reshape(frames, sensors, -1))
+    return SensorTable(names, np.array(numbers), _numbers(path, rows, 7, 13).reshape(frames, sensors, -1))
 
 
 def _read_calibration(path: Path) -> dict[str, Array]:
@@ -303,11 +296,11 @@ def _read_truth(path: Path, width: int) -> dict[str, Array]:
         rows = rows[:-1]
     if not rows:
         raise FileFormatError(f"{path}: holds no frame: expected joint names and a line a frame")
-    values = _numbers(path, rows, (len(header) * width,)).reshape(len(rows), -1, width)
+    values = _numbers(path, rows, len(header) * width).reshape(len(rows), -1, width)
     return dict(zip(header, np.moveaxis(values, 1, 0), strict=True))
 
 
-def _numbers(path: Path, rows: list[list[str]], widths: tuple[int, ...]) -> Array:
+def _numbers(path: Path, rows: list[list[str]], *widths: int) -> Array:
     """The rows as numbers, all with as many, which has to be one of ``widths``."""
     width = len(rows[0]) if len(rows[0]) in widths else widths[0]
     for number, row in enumerate(rows, start=1):

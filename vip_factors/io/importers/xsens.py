@@ -30,7 +30,6 @@ from vip_factors.io.importers.shared import (
     merge_notes,
     note_bad_rows,
     rotations_or_nan,
-    sensor_files,
     z_up,
 )
 from vip_factors.io.importers.text_table import Dialect, TextTable, peek, read_text_table
@@ -96,15 +95,47 @@ def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
     return any(is_ours(file) for file in candidates(path, SUFFIXES))
 
 
+def _sensor_files(
+    path: Path, is_ours: Callable[[Path], bool], split: Callable[[str], tuple[str, str]]
+) -> dict[str, Path]:
+    """Sensor name → file, for the files of the one recording at ``path``: a file, a folder, or how their names begin.
+
+    ``split`` parts a file's stem into recording and sensor name.
+    """
+    others = candidates(path, SUFFIXES)
+    files = [file for file in others if is_ours(file)]
+    if not files:
+        kind = " or ".join(SUFFIXES)
+        reason = f"none of its {len(others)} {kind} files is of this format" if others else f"no {kind} file there"
+        raise FileFormatError(f"{path}: {reason}")
+    recordings: dict[str, dict[str, Path]] = {}
+    for file in files:
+        recording, sensor = split(file.stem)
+        sensors = recordings.setdefault(recording, {})
+        if sensor in sensors:
+            raise FileFormatError(
+                f"{path}: {sensors[sensor].name} and {file.name} are both of sensor '{sensor}': expected one file per "
+                "sensor; keep each recording in a folder of its own"
+            )
+        sensors[sensor] = file
+    if len(recordings) > 1:
+        folder = path if path.is_dir() else path.parent
+        raise FileFormatError(
+            f"{path}: holds files of {len(recordings)} recordings ({', '.join(list(recordings)[:4])} …); "
+            f"name the one you mean, such as {folder / next(iter(recordings))}"
+        )
+    return next(iter(recordings.values()))
+
+
 def _read_mtw(path: Path, rate_hz: float | None = None) -> ImportedLog:
     """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``)."""
-    files = sensor_files(path, SUFFIXES, _is_mtw, lambda stem: stem.rpartition("_")[::2])
+    files = _sensor_files(path, _is_mtw, lambda stem: stem.rpartition("_")[::2])
     return _import_tables(path, MTW.name, files, 1.0, rate_hz)
 
 
 def _read_dot(path: Path, rate_hz: float | None = None) -> ImportedLog:
     """Read a recording: a file, a folder with one file per sensor, or their common start."""
-    files = sensor_files(path, SUFFIXES, _is_dot, _dot_name)
+    files = _sensor_files(path, _is_dot, _dot_name)
     log = _import_tables(path, DOT.name, files, float(np.deg2rad(1.0)), rate_hz)
     starts = [start for file in files.values() if (start := _start_ns(peek(file)))]
     unsynced = [file.name for file in files.values() if re.search(r"SyncStatus:\s*,\s*Un", peek(file), re.IGNORECASE)]
@@ -233,8 +264,13 @@ def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Arr
     """Specific force, orientation and angular rate in our units and frames; NaN in lost rows."""
     R, name = _orientation(table, notes), table.path.name
     acceleration = table.group(ACCELERATION)
-    free = next((group for names in FREE_ACCELERATION if (group := table.group(names)) is not None), None)
-    if acceleration is not None and free is None and _without_gravity(acceleration):
+    free = _first_group(table, FREE_ACCELERATION)
+    if (
+        acceleration is not None
+        and free is None
+        and np.linalg.norm(np.nanmean(acceleration, axis=0)) < GRAVITY_FREE_MEAN
+        and np.nanmedian(np.linalg.norm(acceleration, axis=1)) < GRAVITY / 2  # a tumbling sensor averages to little too
+    ):
         notes.append(
             f"{name}: gravity had been removed from Acc_*: taken as free acceleration in the inertial frame; without "
             "gravity nothing in this converted file can tell whether its orientation has z up, so prefer the original"
@@ -256,18 +292,13 @@ def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Arr
     return acceleration, R, None if rate is None else rate_unit * rate
 
 
-def _without_gravity(acceleration: Array) -> bool:
-    return bool(np.linalg.norm(np.nanmean(acceleration, axis=0)) < GRAVITY_FREE_MEAN) and bool(
-        np.nanmedian(np.linalg.norm(acceleration, axis=1)) < GRAVITY / 2  # a tumbling sensor also averages to little
-    )
+def _first_group(table: TextTable, forms: tuple[tuple[str, ...], ...]) -> Array | None:
+    return next((group for names in forms if (group := table.group(names)) is not None), None)
 
 
 def _orientation(table: TextTable, notes: list[str]) -> Array | None:
     """R_inertial_sensor ``(N, 3, 3)`` with z up, NaN where lost, from quaternion, matrix or Euler angles."""
-    quaternion, degrees = (
-        next((group for names in forms if (group := table.group(names)) is not None), None)
-        for forms in (QUATERNIONS, EULER)
-    )
+    quaternion, degrees = _first_group(table, QUATERNIONS), _first_group(table, EULER)
     if quaternion is not None:
         R = rotations_or_nan(quaternion, Order.WXYZ, str(table.path), notes)
     elif (cells := table.group(MATRIX)) is not None:

@@ -148,7 +148,7 @@ def test_leaving_early_ends_the_reader(tmp_path: Path) -> None:
 
 def composed(path: Path, recording: Recording, add: Callable[[MessageWriter], None]) -> None:
     """A recording's beginning and samples, and then what ``add`` writes."""
-    with open(path, "wb") as file, MessageWriter(file) as writer:
+    with open(path, "wb") as file, MessageWriter(file, recording.start_ns) as writer:
         writer.add_in_order(*recording_messages(writer, replace(recording, truth=None)))
         add(writer)
 
@@ -191,6 +191,6 @@ def test_a_chunk_larger_than_it_may_be_is_left_out(tmp_path: Path, monkeypatch: 
 def test_samples_without_what_comes_first_are_a_format_error(tmp_path: Path) -> None:
     path = tmp_path / "headless.mcap"
     with open(path, "wb") as file, MessageWriter(file) as writer:
-        writer.add_in_order(*[sample_messages(writer, "/imu/head", short_walk().wearers[0].imus["head"], 0)])
+        writer.add_in_order(*[sample_messages(writer, "/imu/head", short_walk().wearers[0].imus["head"])])
     with pytest.raises(FileFormatError, match="there is nothing on /recording/info"):
         followed(path)

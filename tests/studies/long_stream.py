@@ -197,16 +197,14 @@ class Long(Study):
         clip = simulate_recording(motion, preset(self.sensors, motion.skeleton), errors, 0, "long recording", POSE)
         clip, seconds = replace(clip, truth=None), 3600 * self.hours
         stream = LongStream(Scene(clip.name, (clip,)), LongStreamTrials(seconds, self.clip_s))
-        with atomic_open(path, "wb") as file, MessageWriter(file, CHUNK_BYTES) as writer:
+        with atomic_open(path, "wb") as file, MessageWriter(file, clip.start_ns, CHUNK_BYTES) as writer:
             recording_messages(writer, clip)
             for _, samples in groupby(stream, lambda sample: int(sample.time / clip.interval[1])):
                 own = group(
                     (sample for sample in samples if isinstance(sample, ImuSample)), lambda sample: sample.sensor
                 )
                 streams = [_imu_stream(name, several) for name, several in own.items()]
-                writer.add_in_order(
-                    *(sample_messages(writer, IMU + stream.name, stream, clip.start_ns) for stream in streams)
-                )
+                writer.add_in_order(*(sample_messages(writer, IMU + stream.name, stream) for stream in streams))
 
     def tables(self, rows: Sequence[LongRun]) -> Iterator[str]:
         yield f"{self.hours:g} h of {self.sensors}, a clip of {self.clip_s:g} s repeated"

@@ -15,7 +15,7 @@ from vip_factors.estimate import Estimate
 from vip_factors.findings import Finding, sentences
 from vip_factors.io.mcap_estimate import LONG_CHUNK_BYTES, POSE, SINGLE, WEARER, EstimateWriter
 from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose_messages
-from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.mcap_messages import MessageWriter, TimedMessage
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import METHOD, LiveEstimate, estimate_of
@@ -66,10 +66,10 @@ class LiveMcapSink:
         self._findings: dict[str, Finding] = {}  # ordered, each once
         self._written_findings = -1  # in the last EstimateInfo of the scene
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
-        self._writer = MessageWriter(self._file, LONG_CHUNK_BYTES)  # more than comes in half a second
+        self._writer = MessageWriter(self._file, setup.start_ns, LONG_CHUNK_BYTES)  # more than comes in half a second
         prefixes = wearer_topics(names, SINGLE, WEARER)
         clock_s = setup.wearers[0].clock_s
-        self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, MODEST_FRAMES, clock_s)
+        self._out = EstimateWriter(self._writer, prefixes, MODEST_FRAMES, clock_s)
         self._begun_cameras = set[str]()
         self._live_cameras = {
             camera.name: LIVE_CAMERA if number == 0 else f"{LIVE_CAMERAS}{camera.name.replace('/', '_')}/pose"
@@ -106,9 +106,8 @@ class LiveMcapSink:
     def _flush(self) -> None:
         self._write_waiting()
         if self._unflushed and self._last is not None:
-            (end_ns,) = nanoseconds([self._last.time], self._setup.start_ns)
             for index, answer in enumerate(self._last.wearers):
-                self._out.write_calibration(index, answer.calibration, end_ns)
+                self._out.write_calibration(index, answer.calibration, self._last.time)
         self._writer.flush()
         self._file.flush()
         self._flushed, self._unflushed = time.monotonic(), 0
@@ -144,7 +143,7 @@ class LiveMcapSink:
             self._flush()
             self._out.finish()
             if self._out.wearer_count:
-                self._write_info(self._setup.start_ns)
+                self._write_info()
             self._writer.finish()
             self._file.flush()
             os.fsync(self._file.fileno())
@@ -161,20 +160,20 @@ class LiveMcapSink:
         for first_frame, consecutive in self._smoothed_runs(estimates):
             self._write_smoothed(consecutive, first_frame)
         if self._out.wearer_count and len(self._findings) != self._written_findings:
-            self._write_info(*nanoseconds([estimates[0].time], self._setup.start_ns))
+            self._write_info(estimates[0].time)
             self._written_findings = len(self._findings)
 
     def _newest_poses(self, estimates: list[LiveEstimate]) -> Iterator[Iterable[TimedMessage]]:
         """Poses at the newest frames, which follow one another."""
-        chunk, start_ns = estimate_of(estimates, self._setup, self._rate), self._setup.start_ns
+        chunk = estimate_of(estimates, self._setup, self._rate)
         for topic, wearer in zip(self._newest, chunk.wearers, strict=True):
-            yield pose_messages(self._writer, topic, wearer.motion, start_ns, wearer.covariance, estimates[0].frame)
+            yield pose_messages(self._writer, topic, wearer.motion, wearer.covariance, estimates[0].frame)
         for camera in chunk.cameras:
             first_frame = next(
                 estimate.frame for estimate in estimates if camera.name in {row.name for row in estimate.cameras}
             )
             topic = self._live_cameras[camera.name]
-            yield camera_pose_messages(self._writer, topic, camera.path, start_ns, camera.covariance, first_frame)
+            yield camera_pose_messages(self._writer, topic, camera.path, camera.covariance, first_frame)
 
     def _smoothed_runs(self, estimates: list[LiveEstimate]) -> Iterator[tuple[int, list[LiveEstimate]]]:
         """Answers whose smoothed frames follow each other, with the number of the first of these.
@@ -237,15 +236,14 @@ class LiveMcapSink:
             )
             for estimate in estimates
         )
-        times_ns = nanoseconds([estimate.time for estimate in estimates], self._setup.start_ns)
-        return self._writer.stamped(LIVE_UPDATE, LiveUpdate, times_ns, messages)
+        return self._writer.stamped(LIVE_UPDATE, LiveUpdate, [estimate.time for estimate in estimates], messages)
 
     def _add_findings(self, findings: Iterable[Finding]) -> None:
         for finding in findings:
             if len(self._findings) < MOST_FINDINGS:
                 self._findings[str(finding)] = finding
 
-    def _write_info(self, time_ns: int) -> None:
+    def _write_info(self, seconds: float = 0.0) -> None:
         findings = tuple(self._findings.values())
         estimate = Estimate(self._setup.name, METHOD, (), findings=findings, settings=self._settings)
-        self._out.write_info(estimate, time_ns)
+        self._out.write_info(estimate, seconds)

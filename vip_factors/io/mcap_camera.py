@@ -14,7 +14,7 @@ from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quat
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import CALIBRATION, NS_PER_S, Codec, set_timestamp, time_ns_of
 from vip_factors.io.mcap_frames import read_streams, sample_messages
-from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, Topics, nanoseconds, warn
+from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, Topics, warn
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
@@ -58,7 +58,7 @@ def intrinsics_of(message: "CameraCalibration") -> CameraModel:
     return CameraModel(message.width, message.height, (fx, fy), (cx, cy), tuple(message.D))
 
 
-def path_messages(writer: MessageWriter, topic: str, path: CameraPath, start_ns: int) -> Iterator[TimedMessage]:
+def path_messages(writer: MessageWriter, topic: str, path: CameraPath) -> Iterator[TimedMessage]:
     """The poses of a camera as ``foxglove.PoseInFrame``, serialised, in the order of time."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
@@ -72,7 +72,7 @@ def path_messages(writer: MessageWriter, topic: str, path: CameraPath, start_ns:
             position.x, position.y, position.z = p
             yield message
 
-    return writer.stamped(topic, PoseInFrame, nanoseconds(path.time, start_ns), messages())
+    return writer.stamped(topic, PoseInFrame, path.time, messages())
 
 
 def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
@@ -215,7 +215,7 @@ def mount_of(message: CameraInfo.Mount, imu: ImuStream) -> CameraMount:
     return CameraMount(**MOUNT.values(message) | {"imu": imu})
 
 
-def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: int) -> Iterator[TimedMessage]:
+def image_messages(writer: MessageWriter, topic: str, camera: Camera) -> Iterator[TimedMessage]:
     """The embedded frames as ``foxglove.CompressedImage``, serialised, in the order of their index."""
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 
@@ -227,7 +227,7 @@ def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: 
         CompressedImage(frame_id=camera.name, data=data, format=IMAGE_FORMATS.get(data[:2], ""))
         for data in images.values()
     )
-    return writer.stamped(topic, CompressedImage, nanoseconds(times, start_ns), messages)
+    return writer.stamped(topic, CompressedImage, times, messages)
 
 
 def video_of(message: CameraInfo.Video, images: Sequence[Any], mcap_path: Path) -> Video:
@@ -272,7 +272,7 @@ class CameraTopics:
 
 
 def camera_messages(
-    writer: MessageWriter, topics: CameraTopics, camera: Camera, start_ns: int, path: Path
+    writer: MessageWriter, topics: CameraTopics, camera: Camera, path: Path
 ) -> list[Iterable[TimedMessage]]:
     """Write the messages without a time, and return those of samples and frames."""
     video = None
@@ -280,30 +280,27 @@ def camera_messages(
         stored_path = "" if camera.video.path is None else _stored_path(camera.video.path, path)
         video = CameraInfo.Video(path=stored_path, image_frames=sorted(camera.video.images))
     info = camera_info_message(camera, frames=len(camera.detections.time), images=video)
-    writer.write(topics("info"), info, start_ns)
-    writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, start_ns), start_ns)
+    writer.write(topics("info"), info)
+    writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, writer.start_ns))
     detections = _detection_messages(camera.detections, camera.truth)
-    times_ns = nanoseconds(camera.timed_detections.time, start_ns)
     streams: list[Iterable[TimedMessage]] = [
-        writer.stamped(topics("detections"), Detections2D, times_ns, detections),
-        image_messages(writer, topics("image"), camera, start_ns),
+        writer.stamped(topics("detections"), Detections2D, camera.timed_detections.time, detections),
+        image_messages(writer, topics("image"), camera),
     ]
     for topic, camera_path in (("pose", camera.known_path), ("odometry", camera.odometry)):
         if camera_path is not None:
-            streams.append(path_messages(writer, topics(topic), camera_path, start_ns))
+            streams.append(path_messages(writer, topics(topic), camera_path))
     if camera.mount is not None:
-        streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
+        streams.append(sample_messages(writer, topics("imu"), camera.mount.imu))
     truth = camera.truth
     if truth is not None:
         head = TRUTH.encode(truth, known_poses=len(truth.path), has_true_pixels=truth.pixels is not None)
-        writer.write(topics.truth("info"), head, start_ns)
+        writer.write(topics.truth("info"), head)
         if truth.model is not None:
-            intrinsics = intrinsics_message(truth.model, camera.name, start_ns)
-            writer.write(topics.truth("intrinsics"), intrinsics, start_ns)
+            writer.write(topics.truth("intrinsics"), intrinsics_message(truth.model, camera.name, writer.start_ns))
         if truth.calibration is not None:
-            calibration = CALIBRATION.encode({camera.name: truth.calibration})
-            writer.write(topics.truth("calibration"), calibration, start_ns)
-        streams.append(path_messages(writer, topics.truth("pose"), truth.path, start_ns))
+            writer.write(topics.truth("calibration"), CALIBRATION.encode({camera.name: truth.calibration}))
+        streams.append(path_messages(writer, topics.truth("pose"), truth.path))
     return streams
 
 

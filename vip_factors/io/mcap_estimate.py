@@ -11,7 +11,7 @@ a reader takes the last of each.
 import os
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import starmap, zip_longest
 from math import inf
 from typing import Any
@@ -25,7 +25,7 @@ from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import TEXT, bare, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import codec
-from vip_factors.io.codec import NS_PER_S, Codec, time_ns_of
+from vip_factors.io.codec import Codec, time_ns_of
 from vip_factors.io.mcap_camera import clock_fields, intrinsics_message, intrinsics_of, path_messages, with_clock
 from vip_factors.io.mcap_frames import (
     MODEST_FRAMES,
@@ -106,11 +106,6 @@ def _cameras(contents: McapContents) -> list[str]:
     return [CAMERA, *sorted(topic.removesuffix(INFO) for topic in infos)]
 
 
-def _is_of_frames(topic: str) -> bool:
-    """Whether messages belong to frames, or state the number of a camera's poses."""
-    return topic.endswith((POSE, RESIDUALS)) or (topic.startswith(CAMERA) and topic.endswith(INFO))
-
-
 def is_read(channel: McapChannel) -> bool:
     """Whether a channel belongs to an estimate, and not to viewers alone."""
     shown = channel.topic.endswith((TRANSFORMS, CAMERA_PATH))
@@ -144,7 +139,13 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
 
 def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
     """An estimate without its frames, and the number of frames of all wearers."""
-    contents = read_few(path, lambda channel: is_read(channel) and not _is_of_frames(channel.topic))
+
+    def is_of_head(channel: McapChannel) -> bool:  # the number of a camera's poses is of its frames
+        topic = channel.topic
+        is_of_camera = topic.startswith(CAMERA) and topic.endswith(INFO)
+        return is_read(channel) and not is_of_camera and not topic.endswith((POSE, RESIDUALS))
+
+    contents = read_few(path, is_of_head)
     with warnings.catch_warnings():  # that frames are missing
         warnings.simplefilter("ignore")
         head = read_estimate(contents)
@@ -250,8 +251,14 @@ def write_estimate(
             _check_residuals(wearer)
         estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
     head, frames = estimate.head, estimate.frames
-    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, chunk_bytes) as writer:
-        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns, clock_s=clock_s)
+    names = [wearer.motion.name for wearer in head.wearers]
+    if len(set(names)) < len(names):
+        names = [str(number) for number in range(len(names))]
+    with (
+        atomic_open(path, "wb", overwrite) as file,
+        MessageWriter(file, start_ns, chunk_bytes) as writer,
+    ):
+        out = EstimateWriter(writer, wearer_topics(names, SINGLE, WEARER), clock_s=clock_s)
         for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
             out.begin_wearer(index, wearer, count)
         for camera, poses, residual_frames in zip(
@@ -259,7 +266,7 @@ def write_estimate(
         ):
             out.begin_camera(camera, poses, residual_frames, is_first=camera is head.camera)
         if not head.is_plain:
-            out.write_info(head, start_ns)
+            out.write_info(head)
         out.write_reports(head.reports, 0.0)
         writer.flush()
         end = 0.0
@@ -269,11 +276,7 @@ def write_estimate(
             out.write_frames(dict(enumerate(chunk.wearers)), chunk.cameras)
             end = float(time[-1]) if len(time) else end
         if estimate.closed is not None:
-            closed = estimate.closed()
-            out.write_info(closed, start_ns + int(NS_PER_S * end))
-            out.write_cameras(closed.cameras, start_ns + int(NS_PER_S * end))
-            for index, wearer in enumerate(closed.wearers):
-                out.write_calibration(index, wearer.calibration, start_ns + int(NS_PER_S * end))
+            out.write_closed(estimate.closed(), end)
 
 
 def _check_residuals(estimate: WearerEstimate) -> None:
@@ -284,35 +287,20 @@ def _check_residuals(estimate: WearerEstimate) -> None:
             raise InputError(f"residuals '{kind}' have shape {values.shape}: expected (frames, sensors) = {expected}")
 
 
-def _wearer_prefixes(estimate: Estimate) -> list[str]:
-    """Prefixes of the wearers' topics: by the motions' names, or by numbers if two have the same name."""
-    names = [wearer.motion.name for wearer in estimate.wearers]
-    if len(set(names)) < len(names):
-        names = [str(number) for number in range(len(names))]
-    return wearer_topics(names, SINGLE, WEARER)
-
-
 class EstimateWriter:
     """Writes an estimate into an open file: what is known of the whole, and frames in chunks of any size.
 
     Args:
         writer: of the file.
         prefixes: what the topics of each wearer begin with.
-        start_ns: absolute time of t = 0.
         shown_frames: how many frames of a wearer viewers get as transforms of all joints, if these are few.
         clock_s: time of t = 0 on the log's own clock, seconds.
     """
 
     def __init__(
-        self,
-        writer: MessageWriter,
-        prefixes: Sequence[str],
-        start_ns: int,
-        shown_frames: float = inf,
-        clock_s: float = 0.0,
+        self, writer: MessageWriter, prefixes: Sequence[str], shown_frames: float = inf, clock_s: float = 0.0
     ) -> None:
-        self._writer, self._prefixes, self._start_ns, self._clock_s = writer, prefixes, start_ns, clock_s
-        self._shown_frames = shown_frames
+        self._writer, self._prefixes, self._clock_s, self._shown_frames = writer, prefixes, clock_s, shown_frames
         self._wearers: dict[int, _WearerTopics] = {}
         self._cameras = list[_CameraTopics]()
 
@@ -323,42 +311,49 @@ class EstimateWriter:
 
     def begin_wearer(self, index: int, head: WearerEstimate, frames: int = 0) -> None:
         """Write what the frames of a wearer share; there will be so many of these, 0 where nobody knows yet."""
-        prefix = self._prefixes[index]
         shown_frames = self._shown_frames if frames / shown_step(head.motion) <= MODEST_FRAMES else 0
-        self._wearers[index] = _WearerTopics(
-            self._writer, prefix, self._start_ns, self._clock_s, head, frames, shown_frames
-        )
+        topics = _WearerTopics(self._writer, self._prefixes[index], self._clock_s, head, shown_frames)
+        self._wearers[index] = topics
+        topics.write_info(frames)
+        topics.write_reports(head.reports, 0.0)
         if frames:  # a stream writes its calibration as it goes
-            self.write_calibration(index, head.calibration, self._start_ns)
+            self.write_calibration(index, head.calibration)
 
     def begin_camera(
         self, head: CameraEstimate, poses: int | None = None, residual_frames: int = 0, is_first: bool = True
     ) -> None:
         """Write what the poses of a camera share; how many there will be is None where nobody knows yet."""
         prefix = CAMERA if is_first else FURTHER_CAMERA + head.name.replace("/", "_")
-        self._cameras.append(_CameraTopics(self._writer, prefix, self._start_ns, head, poses, residual_frames))
+        topics = _CameraTopics(self._writer, prefix, head, poses, residual_frames)
+        self._cameras.append(topics)
+        topics.write_info()
+        topics.write_lens()
+        if head.calibration is not None:
+            self._writer.write(prefix + CALIBRATION, codec.CALIBRATION.encode({head.name: head.calibration}))
 
-    def write_info(self, estimate: Estimate, time_ns: int) -> None:
-        """Write what is known of the whole, of the wearers who have begun."""
+    def write_info(self, estimate: Estimate, seconds: float = 0.0) -> None:
+        """Write what is known of the whole at a time, of the wearers who have begun."""
         prefixes = [self._prefixes[index] for index in sorted(self._wearers)]
-        message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._start_ns)
-        self._writer.write(SCENE_INFO, message, time_ns)
+        message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._writer.start_ns)
+        self._writer.write(SCENE_INFO, message, seconds)
 
-    def write_cameras(self, heads: Iterable[CameraEstimate], time_ns: int) -> None:
-        """Write again what the cameras that have begun are, without their frames."""
-        for topics, head in zip(self._cameras, heads, strict=True):
-            topics.head = head
-            topics.write_info(time_ns)
+    def write_closed(self, head: Estimate, seconds: float) -> None:
+        """Write again, at the end, what is known of the whole, of the cameras and of the calibrations."""
+        self.write_info(head, seconds)
+        for topics, camera in zip(self._cameras, head.cameras, strict=True):
+            topics.head = camera
+            topics.write_info(seconds)
+        for index, wearer in enumerate(head.wearers):
+            self.write_calibration(index, wearer.calibration, seconds)
 
     def write_reports(self, reports: Iterable[SolveReport], seconds: float) -> None:
         """Write how solves over all wearers went."""
         for report in reports:
-            time_ns = self._start_ns + int(NS_PER_S * seconds)
-            self._writer.write(SCENE_REPORT, codec.REPORT.encode(report), time_ns)
+            self._writer.write(SCENE_REPORT, codec.REPORT.encode(report), seconds)
 
-    def write_calibration(self, index: int, calibration: Calibration, time_ns: int) -> None:
+    def write_calibration(self, index: int, calibration: Calibration, seconds: float = 0.0) -> None:
         """Write the headings and mountings of a wearer's sensors."""
-        self._writer.write(self._prefixes[index] + CALIBRATION, codec.CALIBRATION.encode(calibration), time_ns)
+        self._writer.write(self._prefixes[index] + CALIBRATION, codec.CALIBRATION.encode(calibration), seconds)
 
     def write_frames(self, wearers: Mapping[int, WearerEstimate], cameras: Sequence[CameraEstimate] = ()) -> None:
         """Write the next frames of wearers, by their indices, and of the cameras that have begun."""
@@ -375,103 +370,90 @@ class EstimateWriter:
         for wearer in self._wearers.values():
             wearer.write_info(wearer.next_frame)
         for camera in self._cameras:
-            camera.write_info(self._start_ns)
+            camera.write_info()
 
 
+@dataclass
 class _WearerTopics:
-    """One wearer's topics; what comes once is written at the start."""
+    """One wearer's topics."""
 
-    def __init__(
-        self,
-        writer: MessageWriter,
-        prefix: str,
-        start_ns: int,
-        clock_s: float,
-        head: WearerEstimate,
-        frames: int,
-        shown_frames: float,
-    ) -> None:
-        self._writer, self._prefix, self._start_ns, self._clock_s = writer, prefix, start_ns, clock_s
-        self._head, self._shown_frames, self.next_frame = head, shown_frames, 0
-        # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
-        self._name = head.motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
-        self.write_info(frames)
-        for report in head.reports:
-            writer.write(prefix + REPORT, codec.REPORT.encode(report), start_ns)
+    writer: MessageWriter
+    prefix: str
+    clock_s: float
+    head: WearerEstimate
+    shown_frames: float
+    next_frame: int = 0
 
     def write_info(self, frames: int) -> None:
         """Write what all frames share, and how many there are."""
-        motion = codec.MOTION.encode(self._head.motion, frames=frames)
-        info = HEAD.encode(self._head, start_ns=self._start_ns, clock_s=self._clock_s, motion_info=motion)
-        self._writer.write(self._prefix + INFO, info, self._start_ns)
+        motion = codec.MOTION.encode(self.head.motion, frames=frames)
+        info = HEAD.encode(self.head, start_ns=self.writer.start_ns, clock_s=self.clock_s, motion_info=motion)
+        self.writer.write(self.prefix + INFO, info)
+
+    def write_reports(self, reports: Iterable[SolveReport], seconds: float) -> None:
+        """Write how solves of this wearer went."""
+        for report in reports:
+            self.writer.write(self.prefix + REPORT, codec.REPORT.encode(report), seconds)
 
     def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, which are numbered by the chunk's start."""
-        writer, prefix, start_ns, motion = self._writer, self._prefix, self._start_ns, chunk.motion
-        start = self._head.motion.start
+        writer, prefix, motion = self.writer, self.prefix, chunk.motion
+        start = self.head.motion.start
         first_frame = round((motion.start - start) * motion.rate)
         self.next_frame = first_frame + len(motion)
-        self._head = replace(self._head, motion=replace(motion.frames(slice(0, 0)), start=start))
-        for report in chunk.reports:
-            writer.write(prefix + REPORT, codec.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
-        yield pose_messages(writer, prefix + POSE, motion, start_ns, chunk.covariance, first_frame)
+        self.head = replace(self.head, motion=replace(motion.frames(slice(0, 0)), start=start))
+        self.write_reports(chunk.reports, motion.start)
+        yield pose_messages(writer, prefix + POSE, motion, chunk.covariance, first_frame)
         if chunk.residuals:
-            yield residual_messages(writer, prefix + RESIDUALS, motion.time, chunk.residuals, start_ns, first_frame)
-        if first_frame < self._shown_frames:
-            shown = replace(motion.frames(slice(-first_frame % shown_step(motion), None)), name=self._name)
-            yield transform_messages(writer, prefix + TRANSFORMS, shown, start_ns)
+            yield residual_messages(writer, prefix + RESIDUALS, motion.time, chunk.residuals, first_frame)
+        if first_frame < self.shown_frames:
+            # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
+            name = motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
+            shown = replace(motion.frames(slice(-first_frame % shown_step(motion), None)), name=name)
+            yield transform_messages(writer, prefix + TRANSFORMS, shown)
 
 
+@dataclass
 class _CameraTopics:
-    """A camera's topics; what comes once is written at the start."""
+    """A camera's topics; ``poses`` is how many there will be, None where nobody knows yet."""
 
-    def __init__(
-        self,
-        writer: MessageWriter,
-        prefix: str,
-        start_ns: int,
-        head: CameraEstimate,
-        poses: int | None,
-        residual_frames: int,
-    ) -> None:
-        self._writer, self._prefix, self._start_ns, self.head = writer, prefix, start_ns, head
-        self._poses, self._residual_frames = poses, residual_frames
-        self._next_pose, self._next_residual = 0, 0
-        self.write_info(start_ns)
-        self._write_lens(start_ns)
-        if head.calibration is not None:
-            calibration = codec.CALIBRATION.encode({head.name: head.calibration})
-            writer.write(prefix + CALIBRATION, calibration, start_ns)
+    writer: MessageWriter
+    prefix: str
+    head: CameraEstimate
+    poses: int | None
+    residual_frames: int
+    next_pose: int = 0
+    next_residual: int = 0
 
-    def write_info(self, time_ns: int) -> None:
+    def write_info(self, seconds: float = 0.0) -> None:
         """Write what the camera is, how many poses there will be or are, and residuals of how many frames."""
         residual = self.head.residual_px
         info = CAMERA_HEAD.encode(
             self.head,
-            poses=self._next_pose if self._poses is None else self._poses,
+            poses=self.next_pose if self.poses is None else self.poses,
             has_residuals=residual is not None,
             wearers=None if residual is None else residual.shape[1],
-            residual_frames=None if residual is None else self._residual_frames,
+            residual_frames=None if residual is None else self.residual_frames,
         )
-        self._writer.write(self._prefix + INFO, info, time_ns)
+        self.writer.write(self.prefix + INFO, info, seconds)
 
-    def _write_lens(self, time_ns: int) -> None:
-        message = intrinsics_message(self.head.model, self.head.name, time_ns)
-        self._writer.write(self._prefix + INTRINSICS, message, time_ns)
+    def write_lens(self, seconds: float = 0.0) -> None:
+        """Write the intrinsics."""
+        message = intrinsics_message(self.head.model, self.head.name, self.writer.time_ns(seconds))
+        self.writer.write(self.prefix + INTRINSICS, message, seconds)
 
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
-        writer, path, residual = self._writer, chunk.path, chunk.residual_px
+        writer, prefix, path, residual = self.writer, self.prefix, chunk.path, chunk.residual_px
         if chunk.model != self.head.model:  # a stream refines its lens
             self.head = replace(self.head, model=chunk.model)
-            self._write_lens(self._start_ns + int(NS_PER_S * path.time[0]))
-        if self._poses is None or self._next_pose < self._poses:
-            topic, prefix = self._prefix + CAMERA_POSE, self._prefix
-            yield camera_pose_messages(writer, topic, path, self._start_ns, chunk.covariance, self._next_pose)
-            yield path_messages(writer, prefix + CAMERA_PATH, path, self._start_ns)
-            self._next_pose += len(path)
+            self.write_lens(float(path.time[0]))
+        if self.poses is None or self.next_pose < self.poses:
+            yield camera_pose_messages(writer, prefix + CAMERA_POSE, path, chunk.covariance, self.next_pose)
+            yield path_messages(writer, prefix + CAMERA_PATH, path)
+            self.next_pose += len(path)
         if residual is not None:
             times = (time for time in (path.time, motion_time) if len(time) == len(residual))
             time, kinds = np.resize(next(times, motion_time[:1]), len(residual)), {REPROJECTION: residual}
-            yield residual_messages(writer, self._prefix + RESIDUALS, time, kinds, self._start_ns, self._next_residual)
-            self._next_residual += len(residual)
+            yield residual_messages(writer, prefix + RESIDUALS, time, kinds, self.next_residual)
+            self.next_residual += len(residual)

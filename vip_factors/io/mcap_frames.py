@@ -34,9 +34,9 @@ MOST_HELD = 120_000  # frames without a pose, an hour at 30 Hz: their poses and 
 REPROJECTION = "reprojection_px"  # the kind of a camera's residuals
 
 
-def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream, start_ns: int) -> Iterator[TimedMessage]:
+def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream) -> Iterator[TimedMessage]:
     """The samples of a stream, serialised, in the order of time."""
-    return writer.stamped(topic, ImuSample, nanoseconds(stream.time, start_ns), _samples(stream))
+    return writer.stamped(topic, ImuSample, stream.time, _samples(stream))
 
 
 def _samples(stream: ImuStream) -> Iterator[ImuSample]:
@@ -118,7 +118,6 @@ def pose_messages(
     writer: MessageWriter,
     topic: str,
     motion: Motion,
-    start_ns: int,
     covariance: PoseCovariance | None = None,
     first_frame: int = 0,
 ) -> Iterator[TimedMessage]:
@@ -134,7 +133,7 @@ def pose_messages(
         )
         for row, p_world_pelvis in enumerate(motion.p_world_pelvis)
     )
-    return writer.stamped(topic, BodyPose, nanoseconds(motion.time, start_ns), messages)
+    return writer.stamped(topic, BodyPose, motion.time, messages)
 
 
 def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[Motion, PoseCovariance | None]:
@@ -186,7 +185,7 @@ def _rows(quantity: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
 
 
 def residual_messages(
-    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first_frame: int = 0
+    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], first_frame: int = 0
 ) -> Iterator[TimedMessage]:
     """The residuals of frames at ``time`` ``(T,)`` s, serialised, numbered from ``first_frame``."""
     messages = (
@@ -196,20 +195,15 @@ def residual_messages(
         )
         for row in range(len(time))
     )
-    return writer.stamped(topic, Residuals, nanoseconds(time, start_ns), messages)
+    return writer.stamped(topic, Residuals, time, messages)
 
 
 def camera_pose_messages(
-    writer: MessageWriter,
-    topic: str,
-    path: CameraPath,
-    start_ns: int,
-    covariance: Array | None = None,
-    first_frame: int = 0,
+    writer: MessageWriter, topic: str, path: CameraPath, covariance: Array | None = None, first_frame: int = 0
 ) -> Iterator[TimedMessage]:
     """The poses of a camera, serialised, in the order of time, numbered from ``first_frame``."""
-    times_ns = nanoseconds(path.time, start_ns)
-    return writer.stamped(topic, CameraPose, times_ns, camera_poses(path, start_ns, covariance, first_frame))
+    messages = camera_poses(path, writer.start_ns, covariance, first_frame)
+    return writer.stamped(topic, CameraPose, path.time, messages)
 
 
 def camera_poses(
@@ -265,14 +259,14 @@ def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence
     return residuals_of((REPROJECTION,), info.wearers, messages, info.residual_frames)[REPROJECTION]
 
 
-def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: int) -> Iterator[TimedMessage]:
+def transform_messages(writer: MessageWriter, topic: str, motion: Motion) -> Iterator[TimedMessage]:
     """``foxglove.FrameTransforms`` of all joints, serialised, in the order of time, thinned to :data:`SHOWN_HZ`."""
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
     channel = writer.channel(topic, FrameTransforms)
     step = shown_step(motion)
     xyzw = quaternion_from_matrix(motion.R_parent_child[::step], Order.XYZW).tolist()
-    times = nanoseconds(motion.time[::step], start_ns)
+    times = nanoseconds(motion.time[::step], writer.start_ns)
     message = FrameTransforms()
     frames = [f"{motion.name}/{joint}" for joint in JOINT_NAMES]
     for joint, (parent, p) in enumerate(zip(PARENTS, motion.skeleton.p_parent_joint.tolist(), strict=True)):

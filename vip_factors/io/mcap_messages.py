@@ -116,12 +116,14 @@ class MessageWriter:
 
     Args:
         file: open for writing bytes.
+        start_ns: absolute time of t = 0.
         chunk_bytes: after which a chunk ends by itself.
     """
 
-    def __init__(self, file: IO[bytes], chunk_bytes: int = CHUNK_BYTES) -> None:
+    def __init__(self, file: IO[bytes], start_ns: int = 0, chunk_bytes: int = CHUNK_BYTES) -> None:
         from mcap.writer import CompressionType, Writer
 
+        self.start_ns = start_ns
         self._writer = Writer(file, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"vip_factors {__version__}")
         self._schemas: dict[str, int] = {}
@@ -151,9 +153,13 @@ class MessageWriter:
             self._channels[topic] = self._writer.register_channel(topic, "protobuf", self._schemas[name])
         return self._channels[topic]
 
-    def write(self, topic: str, message: "Message", time_ns: int) -> None:
-        """Write one message of any kind."""
-        self.add(self.channel(topic, type(message)), time_ns, message.SerializeToString())
+    def time_ns(self, seconds: float) -> int:
+        """The absolute time of ``seconds`` from t = 0."""
+        return nanoseconds([seconds], self.start_ns)[0]
+
+    def write(self, topic: str, message: "Message", seconds: float = 0.0) -> None:
+        """Write one message of any kind, logged at ``seconds`` from t = 0."""
+        self.add(self.channel(topic, type(message)), self.time_ns(seconds), message.SerializeToString())
 
     def add(self, channel: int, time_ns: int, data: bytes) -> None:
         """Write one serialised message. Log times are unsigned: times before the epoch become 0."""
@@ -161,11 +167,11 @@ class MessageWriter:
         self._writer.add_message(channel, time_ns, data, time_ns, next(self._sequence) & 0xFFFFFFFF)
 
     def stamped(
-        self, topic: str, message_class: "type[M]", times_ns: Iterable[int], messages: "Iterable[M]"
+        self, topic: str, message_class: "type[M]", seconds: Iterable[float], messages: "Iterable[M]"
     ) -> Iterator[TimedMessage]:
         """Serialise messages of one topic in the order of time, with timestamps; they may be one reused object."""
         channel = self.channel(topic, message_class)
-        for time_ns, message in zip(times_ns, messages, strict=True):
+        for time_ns, message in zip(nanoseconds(seconds, self.start_ns), messages, strict=True):
             set_timestamp(message.timestamp, time_ns)
             yield time_ns, channel, message.SerializeToString()
 

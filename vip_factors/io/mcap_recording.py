@@ -50,18 +50,18 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
         recording: one wearer's.
         prefix: of its topics.
     """
-    start_ns, truth, true_motion = recording.start_ns, recording.truth, None
+    truth, true_motion = recording.truth, None
     if truth is not None:
         true_motion = MOTION.encode(truth.motion, known_bones=sorted(truth.known_bones or ()))
     info = HEAD.encode(recording, sensors=list(recording.imus), true_motion=true_motion)
-    writer.write(prefix + INFO, info, start_ns)
+    writer.write(prefix + INFO, info)
     streams: list[Iterable[TimedMessage]] = [
-        sample_messages(writer, prefix + IMU + stream.name, stream, start_ns) for stream in recording.imus.values()
+        sample_messages(writer, prefix + IMU + stream.name, stream) for stream in recording.imus.values()
     ]
     if truth is not None:
         if truth.calibration is not None:
-            writer.write(prefix + TRUTH_CALIBRATION, CALIBRATION.encode(truth.calibration), start_ns)
-        streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
+            writer.write(prefix + TRUTH_CALIBRATION, CALIBRATION.encode(truth.calibration))
+        streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion))
     return streams
 
 
@@ -138,7 +138,7 @@ def write_recording(content: Recording | Scene, path: str | os.PathLike[str], ov
     """Write a recording or a scene, its truth included; rotations become quaternions, and times of camera paths are
     kept to 1 ns; everything else is kept to the bit.
     """
-    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
+    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, content.start_ns) as writer:
         if isinstance(content, Recording):
             streams = recording_messages(writer, content)
         else:
@@ -148,14 +148,14 @@ def write_recording(content: Recording | Scene, path: str | os.PathLike[str], ov
 
 
 def _scene_messages(writer: MessageWriter, scene: Scene, path: Path) -> list[Iterable[TimedMessage]]:
-    start_ns, prefixes = scene.wearers[0].start_ns, wearer_topics(scene.names)
+    prefixes = wearer_topics(scene.names)
     info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=bool(scene.cameras))
     topics = [CameraTopics.of(camera.name) if number else FIRST_CAMERA for number, camera in enumerate(scene.cameras)]
     info.further_camera_topics.extend(camera.prefix for camera in topics[1:])
-    writer.write(SCENE_INFO, info, start_ns)
+    writer.write(SCENE_INFO, info)
     streams: list[Iterable[TimedMessage]] = []
     for camera_topics, camera in zip(topics, scene.cameras, strict=True):
-        streams += camera_messages(writer, camera_topics, camera, start_ns, path)
+        streams += camera_messages(writer, camera_topics, camera, path)
     for prefix, recording in zip(prefixes, scene.wearers, strict=True):
         streams += recording_messages(writer, recording, prefix)
     return streams

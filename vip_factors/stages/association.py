@@ -142,17 +142,13 @@ def usable_cameras(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCa
             worlds.append([camera, *(member for world in connected for member in world)])
     if not worlds:
         return ()
-    largest = max(worlds, key=_sighting_count)
+    largest = max(worlds, key=lambda world: sum(len(sightings) for camera in world for sightings in camera.sightings))
     is_posed = any(camera.camera.known_path is not None for camera in largest)
     return tuple(
         camera
         for camera in associated
         if any(camera is member for member in largest) or (is_posed and camera.camera.known_path is not None)
     )
-
-
-def _sighting_count(cameras: Sequence[AssociatedCamera]) -> int:
-    return sum(len(sightings) for camera in cameras for sightings in camera.sightings)
 
 
 def _are_connected(camera_a: AssociatedCamera, camera_b: AssociatedCamera) -> bool:
@@ -207,7 +203,9 @@ def first_association(
         return tuple(wearers), associated
     solutions = list(wearers)
     for number in rare:
-        solutions[number] = _calibrate_tracker(wearers[number], settings, solver)
+        calibrated, pose_mean = calibrate_inertial(wearers[number], settings, solver), wearers[number].state.pose_mean
+        # The fusion estimates the mean pose
+        solutions[number] = replace(calibrated, state=replace(calibrated.state, pose_mean=pose_mean))
     associated = associate_cameras(scene, solutions, settings, on_progress, associated)
     for number in rare:
         associated, solutions[number] = _better_start(associated, number, solutions[number], wearers[number])
@@ -219,12 +217,6 @@ def visible_share(associated: Sequence[AssociatedCamera], wearer: int) -> float:
     frame_count = sum(len(np.unique(camera.detections.frame)) for camera in associated)
     sighting_count = sum(int(np.sum(camera.association.wearer == wearer)) for camera in associated)
     return sighting_count / max(frame_count, 1)
-
-
-def _calibrate_tracker(inertial: InertialSolution, settings: CommonSettings, solver: Solver) -> InertialSolution:
-    """Calibrated, but for the mean pose: that is the fusion's to find."""
-    solution = calibrate_inertial(inertial, settings, solver)
-    return replace(solution, state=replace(solution.state, pose_mean=inertial.state.pose_mean))
 
 
 def _better_start(

@@ -68,12 +68,6 @@ def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
     return kinds
 
 
-def pose_covariance(covariance: Array) -> PoseCovariance:
-    """Split the covariance of a wearer's frames ``(T, 75, 75)`` into joints and root."""
-    joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
-    return PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME])
-
-
 @dataclass(frozen=True)
 class SceneCovariance:
     """Marginal covariance of a scene: poses of wearers, poses of cameras ``(T, 6, 6)``, and shared variables.
@@ -108,7 +102,9 @@ def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> 
     for number in range(len(model.wearers)):
         chain = layout.chain_of(OwnerId(Owner.WEARER, number))
         assert chain is not None
-        wearers.append(pose_covariance(marginals.chains[chain]))
+        covariance = marginals.chains[chain]  # (T, 75, 75)
+        joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
+        wearers.append(PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME]))
     cameras, shared = list[Array | None](), SharedCovariance(layout, marginals.static)
     for number in range(len(model.cameras)):
         path, pose = layout.chain_of(camera_owner(number)), shared.of(camera_owner(number), "poses")

@@ -8,10 +8,10 @@ import numpy as np
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array, angle_between
+from vip_factors.geometry.rotations import angle_between
 from vip_factors.initialise.start_candidates import SETTLED_NATS
 from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem, Viewpoint
-from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
+from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState, seconds_late
 from vip_factors.problem.variables import camera_owner
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera import CameraPath
@@ -55,27 +55,30 @@ class FusionSolution:
         """Spread of each camera's detections of each wearer about the solution, in OKS sigmas."""
         if not all(camera.settings.reprojection.adaptive for camera in self.model.cameras):
             return self.spreads
-        wearers = [WearerEvaluation(number, wearer.model, wearer.state) for number, wearer in enumerate(self.wearers)]
-        viewpoints = self.model.viewpoints(self.state)
-        return tuple(
-            _scatter_before(camera, wearers, spreads, self.state.detector)
-            for camera, spreads in zip(viewpoints, self.spreads, strict=True)
-        )
+        bodies = [WearerEvaluation(number, wearer.model, wearer.state) for number, wearer in enumerate(self.wearers)]
+        offsets, measured = self.state.detector.keypoint_offsets, list[tuple[float, ...]]()
+        for camera, spreads in zip(self.model.viewpoints(self.state), self.spreads, strict=True):
+            scatters = []
+            for view, body, spread in zip(camera.views, bodies, spreads, strict=True):
+                evaluation = ViewEvaluation(body, camera_owner(0), camera.problem, camera.state, view, offsets)
+                scatters.append(scatter(whitened_reprojections(evaluation), view, spread))
+            measured.append(tuple(scatters))
+        return tuple(measured)
 
     def is_consistent(self) -> bool:
         """Whether the detections scatter about the solution as it was made to believe, and were taken when it says."""
         settled = 1.5  # a detector believed less than this much too rough costs less than another solve
         timed = 0.01  # s: so far keypoints move nearly straight; half a video frame
         ratios = np.divide(self.spreads, np.maximum(self.measured_spreads(), 1e-9))
-        return bool(np.all(ratios < settled)) and all(
-            self._clock_moved(camera) < timed for camera in self.model.viewpoints(self.state)
-        )
-
-    def _clock_moved(self, camera: Viewpoint) -> float:
-        """Seconds, the most by which the solution puts a video's clock forward beyond where it was seen with."""
-        (offset, drift), state = camera.views[0].clock, camera.state
-        elapsed = self.model.wearers[0].frames.time[[0, -1]] - camera.problem.clock_middle
-        return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, elapsed, 0.0))))
+        if np.any(ratios >= settled):
+            return False
+        ends = self.model.wearers[0].frames.time[[0, -1]]
+        for camera in self.model.viewpoints(self.state):
+            (offset, drift), state = camera.views[0].clock, camera.state
+            moved = seconds_late(state.clock - offset, state.clock_drift - drift, ends, camera.problem.clock_middle)
+            if np.max(np.abs(moved)) >= timed:
+                return False
+        return True
 
     @property
     def wearers(self) -> tuple[InertialSolution, ...]:
@@ -97,19 +100,6 @@ class FusionSolution:
             clock = estimated_clock(camera.state, camera.problem.clock_middle)
             placements.append(CameraPlacement(path, camera.lens, clock))
         return tuple(placements)
-
-
-def _scatter_before(
-    camera: Viewpoint, wearers: Sequence[WearerEvaluation], spreads: Sequence[float], detector: DetectorState
-) -> tuple[float, ...]:
-    scatters = []
-    for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
-        evaluation = ViewEvaluation(
-            wearer, camera_owner(0), camera.problem, camera.state, view, detector.keypoint_offsets
-        )
-        residual = whitened_reprojections(evaluation)
-        scatters.append(scatter(residual, view, spread))
-    return tuple(scatters)
 
 
 def fuse(
@@ -238,7 +228,10 @@ def fusion_problem_on_frames(
         if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
             camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
         cameras.append(camera)
-        paths.append(_at_instants(filming, placed.path, time))
+        if len(placed.path) > 1:
+            path = placed.path.at(time)
+            filming = replace(filming, poses=CameraPoses(path.R_world_camera, path.p_world_camera))
+        paths.append(filming)
     scene = SceneState(tuple(states), tuple(paths), coarse.state.detector)
     spreads = coarse.measured_spreads()
     problem = _scene_model(tuple(wearers), cameras, scene, associated, spreads, path_known=True)
@@ -258,14 +251,6 @@ def _with_cameras_held(model: SceneProblem) -> SceneProblem:
         for camera in model.cameras
     )
     return replace(model, cameras=cameras)
-
-
-def _at_instants(camera: CameraState, path: CameraPath, time: Array) -> CameraState:
-    """The camera's state at the instants ``time`` of its path; that of one that stands still is the same."""
-    if len(path) == 1:
-        return camera
-    path = path.at(time)
-    return replace(camera, poses=CameraPoses(path.R_world_camera, path.p_world_camera))
 
 
 def _scene_model(

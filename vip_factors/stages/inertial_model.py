@@ -7,14 +7,13 @@ import numpy as np
 
 from vip_factors.body.joint_priors import load_joint_limits, load_pose_prior
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.skeleton import contact_points, held_pose
 from vip_factors.factor_settings import FootContactSettings
 from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, standing_path
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CalibrationSettings, CommonSettings
 
 # rad, for mountings computed from a declared pose: wide, because the pose has a factor of its own.
@@ -33,6 +32,9 @@ def inertial_model(
     if len(sites) <= FEW_SENSORS:
         sparse = replace(factors.acceleration, sigma=factors.acceleration.sparse_sigma)
         factors = replace(factors, acceleration=sparse)
+    variation = recording.subject.variation()
+    if variation is not None and recording.subject.length_prior is None:  # a table's, not an earlier estimate's
+        variation = replace(variation, whitening=variation.whitening / factors.length_scale)
     return WearerProblem(
         skeleton=recording.subject.body(),
         prior=load_pose_prior(),
@@ -51,7 +53,7 @@ def inertial_model(
         free_hinges=settings.calibration.estimate_hinges,
         hinge_prior=recording.subject.hinge_prior(),
         use_acceleration=settings.acceleration,
-        variation=_variation(recording.subject, factors.length_scale),
+        variation=variation,
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
         name=recording.subject.name,
     )
@@ -64,14 +66,6 @@ def declared_pose(recording: Recording, frames: ImuFrames, settings: CommonSetti
     declared = settings.factors.initial_pose
     frame_count = max(1, round(declared.seconds / frames.step))
     return InitialPose(held_pose(recording.initial_pose, declared.nominal), min(frame_count, len(frames)))
-
-
-def _variation(subject: Subject, scale: float) -> BodyVariation | None:
-    """Prior of body lengths; widened if it comes from a table, unchanged if it comes from an earlier estimate."""
-    variation = subject.variation()
-    if variation is None or subject.length_prior is not None:
-        return variation
-    return replace(variation, whitening=variation.whitening / scale)
 
 
 def gauge_sensor(bones: list[int]) -> int:

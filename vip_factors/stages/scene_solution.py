@@ -138,16 +138,6 @@ def start_before_cameras(
     return start_fusion(usable, trackers, settings) if usable else who_is_who(scene, associated)
 
 
-def _misfit(fusion: FusionSolution) -> int | None:
-    """Index of a camera that fits the wearers badly while another one fits; None if there is none."""
-    spreads = [
-        float(np.mean([spread for spread, view in zip(camera_spreads, views, strict=True) if view.seen.any()] or [0.0]))
-        for camera_spreads, views in zip(fusion.measured_spreads(), fusion.model.views, strict=True)
-    ]
-    worst_camera = int(np.argmax(spreads)) if len(spreads) > 1 else 0
-    return worst_camera if len(spreads) > 1 and spreads[worst_camera] > IMPLAUSIBLE_SCATTER > min(spreads) else None
-
-
 def solve_from(start: FusionStart, scene: Scene, settings: CommonSettings, solver: Solver) -> SceneSolution:
     """Solve wearers and cameras together from a start, and leave out a camera that contradicts the others.
 
@@ -155,7 +145,10 @@ def solve_from(start: FusionStart, scene: Scene, settings: CommonSettings, solve
         SolveError: if the problem is not determined.
     """
     fusion, associated = fuse_in_rounds(start, settings, solver)
-    misfit = _misfit(fusion)
-    if misfit is not None:
-        return solve_from(start.without_camera(misfit), scene, settings, solver)
+    spreads = [
+        float(np.mean([spread for spread, view in zip(camera_spreads, views, strict=True) if view.seen.any()] or [0.0]))
+        for camera_spreads, views in zip(fusion.measured_spreads(), fusion.model.views, strict=True)
+    ]
+    if max(spreads, default=0.0) > IMPLAUSIBLE_SCATTER > min(spreads):
+        return solve_from(start.without_camera(int(np.argmax(spreads))), scene, settings, solver)
     return SceneSolution(scene, start.wearers, fusion, start, associated)

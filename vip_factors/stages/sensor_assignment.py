@@ -326,7 +326,9 @@ def _likeliest(
         choices += [(pair,) for pair in pairs]
     candidates = []
     for exchanged_pairs in choices:
-        candidate = _with(recording, exchanged_pairs)
+        exchanges = [Exchange(pair, 0.0) for pair in exchanged_pairs]
+        placement = exchanged(recording.placement, recording.placed, exchanges)
+        candidate = replace(recording, placement=placement)
         start = _start(candidate, looked, settings)
         candidates.append(_Sides(limbs, exchanged_pairs, candidate, start, as_placed.cost - start.cost))
     return max(candidates, key=lambda sides: sides.gain)
@@ -349,11 +351,6 @@ def _pairs(recording: Recording) -> Iterator[tuple[str, list[Pair]]]:
         # Without a pose the search takes seconds
         if len(limb_pairs) == 1 or (limb_pairs and recording.initial_pose != "none"):
             yield limbs, limb_pairs
-
-
-def _with(recording: Recording, pairs: Sequence[Pair]) -> Recording:
-    placement = exchanged(recording.placement, recording.placed, [Exchange(pair, 0.0) for pair in pairs])
-    return replace(recording, placement=placement)
 
 
 def _times(recording: Recording, settings: Settings) -> Array:
@@ -390,7 +387,8 @@ def _seen_exchange(
             _misfits(sides.recording, sides.start, frames, detections, camera, settings)[sides.limbs],
         )
         # Of several people the one whom either fits best
-        rows = _best_rows(detections.frame, np.minimum(misfit, exchanged_misfit))
+        order = np.lexsort((np.minimum(misfit, exchanged_misfit), detections.frame))
+        rows = order[np.r_[True, np.diff(detections.frame[order]) > 0]]
         misfit, exchanged_misfit = misfit[rows], exchanged_misfit[rows]
         telling = np.abs(np.log(exchanged_misfit / misfit)) > TELLING  # who stands still looks the same
         if telling.sum() < LEAST_FRAMES:
@@ -416,12 +414,6 @@ def _sampled(detections: Detections, time: Array) -> Detections:
         frames = frames[np.linspace(0, len(frames) - 1, sample).astype(int)]
     chosen = detections.select(np.isin(detections.frame, frames))
     return replace(chosen, time=chosen.time[frames], frame=np.searchsorted(frames, chosen.frame))
-
-
-def _best_rows(frame: np.ndarray, cost: Array) -> np.ndarray:
-    """Row of least cost in each video frame."""
-    order = np.lexsort((cost, frame))
-    return order[np.r_[True, np.diff(frame[order]) > 0]]
 
 
 def _misfits(

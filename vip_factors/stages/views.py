@@ -173,15 +173,11 @@ def _at_frames(video: Array, pixels: Array, confidence: Array, time: Array) -> t
     sure = np.where(bridged[:, None], np.minimum(confidence[previous], confidence[following]), 0.0)
     interpolated = np.where(exact[:, None, None], pixels[nearest], interpolated)
     sure = np.where(exact[:, None], confidence[nearest], sure)
-    return interpolated, np.where(_spoken_to(video, time, nearest)[:, None], sure, 0.0)
-
-
-def _spoken_to(video: Array, time: Array, nearest: np.ndarray) -> np.ndarray:
-    """Which frames are the nearest to their own nearest video frame: finer frames would repeat one measurement."""
+    # Only the frame nearest to its video frame has its measurement: finer frames would repeat it
     gap = np.abs(video[nearest] - time)
     least = np.full(len(video), np.inf)
     np.minimum.at(least, nearest, gap)
-    return gap <= least[nearest] + 1e-9
+    return interpolated, np.where((gap <= least[nearest] + 1e-9)[:, None], sure, 0.0)
 
 
 def _speed(video: Array, pixels: Array, time: Array) -> Array:

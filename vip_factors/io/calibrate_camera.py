@@ -61,8 +61,12 @@ class Checkerboard:
         if not is_complete:
             return None
         points, pixels = _grid(self.columns, self.rows, self.square_m), corners.reshape(-1, 2).astype(float)
-        if not self.looks_alike_turned and self._begins_white(grey, points, pixels):
-            pixels = pixels[::-1]
+        if not self.looks_alike_turned:  # corners are counted from where the square before the first one is black
+            H, _ = cv2.findHomography(points[:, :2], pixels)
+            squares = _grid(self.columns - 1, self.rows - 1, 1.0)[:, :2]
+            u, v = np.rint(cv2.perspectiveTransform(self.square_m * (squares[None] + 0.5), H)[0]).astype(int).T
+            shades, even = grey[v, u].astype(float), squares.sum(axis=1) % 2 == 0
+            pixels = pixels[::-1] if shades[even].mean() > shades[~even].mean() else pixels
         outer = [0, self.columns - 1, len(points) - 1, len(points) - self.columns]
         x, y = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
         x_end, y_end = np.ceil(pixels.max(axis=0)).astype(int) + 1
@@ -75,16 +79,6 @@ class Checkerboard:
     def looks_alike_turned(self) -> bool:
         """Whether half a turn leaves the board as it is: then two cameras may take different corners for its origin."""
         return (self.columns + self.rows) % 2 == 0
-
-    def _begins_white(self, grey: np.ndarray, points: Array, pixels: Array) -> bool:
-        """Whether the square before the first corner is white: corners are counted from where it is black."""
-        import cv2
-
-        H, _ = cv2.findHomography(points[:, :2], pixels)
-        squares = _grid(self.columns - 1, self.rows - 1, 1.0)[:, :2]
-        u, v = np.rint(cv2.perspectiveTransform(self.square_m * (squares[None] + 0.5), H)[0]).astype(int).T
-        shades, even = grey[v, u].astype(float), squares.sum(axis=1) % 2 == 0
-        return bool(shades[even].mean() > shades[~even].mean())
 
 
 def _grid(columns: int, rows: int, square_m: float) -> Array:

@@ -169,9 +169,9 @@ def place_sensors(log: ImportedLog, skeleton: Skeleton, rule: Rule, notes: list[
     """
     of_log = _sites_of_log(log, skeleton)
     if isinstance(rule, str):
-        sites, name = _of_preset(log, skeleton, rule, of_log, notes), rule
+        sites, name = _placed(_entries_of_preset(log, rule, notes), skeleton, of_log), rule
     elif rule:
-        sites, name = _of_user(log, skeleton, rule, of_log, notes), "custom"
+        sites, name = _placed(_entries_of_user(log, rule, notes), skeleton, of_log), "custom"
     else:
         sites, name = list(of_log.values()), log.placement.name if log.placement else "custom"
     usable = [site for site in sites if log.imus[site.sensor].R_inertial_sensor is not None]
@@ -200,9 +200,7 @@ def _sites_of_log(log: ImportedLog, skeleton: Skeleton) -> dict[str, SensorSite]
     return {sensor: site for sensor, site in of_log.items() if sensor in log.imus}
 
 
-def _of_preset(
-    log: ImportedLog, skeleton: Skeleton, name: str, of_log: Mapping[str, SensorSite], notes: list[str]
-) -> list[SensorSite]:
+def _entries_of_preset(log: ImportedLog, name: str, notes: list[str]) -> dict[str, SensorEntry]:
     if name not in PRESETS:
         raise InputError(f"unknown placement '{name}'{nearest(name, PRESETS)}, or a .toml file")
     by_site = {site: sensor for sensor, site in log.default_sites.items()}
@@ -210,18 +208,12 @@ def _of_preset(
     missing = [site for site, sensor in sensors.items() if sensor not in log.imus]
     if missing and len(missing) < len(sensors):
         notes.append(f"placement {name} has sites without a sensor in the log: {', '.join(missing)}")
-    return [
-        _mounted(sensor_site(site, skeleton, sensor), of_log) for site, sensor in sensors.items() if sensor in log.imus
-    ]
+    return {sensor: SensorEntry(site) for site, sensor in sensors.items() if sensor in log.imus}
 
 
-def _of_user(
-    log: ImportedLog,
-    skeleton: Skeleton,
-    rule: Mapping[str, str] | Mapping[str, SensorEntry],
-    of_log: Mapping[str, SensorSite],
-    notes: list[str],
-) -> list[SensorSite]:
+def _entries_of_user(
+    log: ImportedLog, rule: Mapping[str, str] | Mapping[str, SensorEntry], notes: list[str]
+) -> dict[str, SensorEntry]:
     entries: dict[str, SensorEntry] = {}
     for key, value in rule.items():
         if isinstance(value, SensorEntry):
@@ -235,25 +227,25 @@ def _of_user(
     for sensor in entries:
         if sensor not in log.imus:
             notes.append(f"placed sensor '{sensor}' is not in the log{nearest(sensor, log.imus)}")
-    if entries and not any(sensor in log.imus for sensor in entries):
+    if not any(sensor in log.imus for sensor in entries):
         raise InputError(
             f"none of the placed sensors ({', '.join(entries)}) is in the log, whose sensors are {', '.join(log.imus)}"
         )
-    return [
-        _mounted(entry.on(skeleton, sensor), of_log)
-        if entry.mounting_wxyz is None and entry.sigma_deg is None
-        else entry.on(skeleton, sensor)
-        for sensor, entry in entries.items()
-        if sensor in log.imus
-    ]
+    return {sensor: entry for sensor, entry in entries.items() if sensor in log.imus}
 
 
-def _mounted(site: SensorSite, of_log: Mapping[str, SensorSite]) -> SensorSite:
-    """The site with the log's mounting, if the log has it on the same bone with a smaller sigma."""
-    mounted = of_log.get(site.sensor)
-    if mounted is None or mounted.bone != site.bone or mounted.mounting_sigma >= site.mounting_sigma:
-        return site
-    return replace(site, R_bone_sensor=mounted.R_bone_sensor, mounting_sigma=mounted.mounting_sigma)
+def _placed(
+    entries: Mapping[str, SensorEntry], skeleton: Skeleton, of_log: Mapping[str, SensorSite]
+) -> list[SensorSite]:
+    """Sites of the entries; one without a mounting gets the log's on the same bone, if its sigma is smaller."""
+    sites = []
+    for sensor, entry in entries.items():
+        site, known = entry.on(skeleton, sensor), of_log.get(sensor)
+        is_free = entry.mounting_wxyz is None and entry.sigma_deg is None
+        if is_free and known and known.bone == site.bone and known.mounting_sigma < site.mounting_sigma:
+            site = replace(site, R_bone_sensor=known.R_bone_sensor, mounting_sigma=known.mounting_sigma)
+        sites.append(site)
+    return sites
 
 
 def _nothing_placed(log: ImportedLog, sites: list[SensorSite]) -> str:

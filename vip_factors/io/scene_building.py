@@ -211,8 +211,7 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
         raise InputError(f"{refusal}: the camera is not declared to stand still (static_camera)")
     if floor is None:
         raise InputError(f"{refusal}: the file has no pose ([floor])")
-    R_floor_camera, p_floor_camera = floor
-    return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
+    return CameraPath(np.zeros(1), floor[0][None], floor[1][None])
 
 
 def _odometry(file: Path, detections: Detections) -> CameraPath:

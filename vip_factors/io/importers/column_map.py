@@ -138,10 +138,6 @@ def read_column_map(path: str | Path, rate_hz: float | None = None) -> ColumnMap
     if rate_hz is not None:
         columns = structs.replace(columns, time=None, rate_hz=rate_hz)
         sensors = {name: structs.replace(entry, time=None, rate_hz=rate_hz) for name, entry in sensors.items()}
-    return ColumnMap(str(path), columns, sensors, layout.sensor_column, _dialect(path, layout))
-
-
-def _dialect(path: Path, layout: _Layout) -> Dialect:
     by_character = {character or " ": name for name, character in SEPARATORS.items()}
     separator = by_character.get(layout.separator or "", layout.separator)
     if separator is not None and separator not in SEPARATORS:
@@ -149,7 +145,8 @@ def _dialect(path: Path, layout: _Layout) -> Dialect:
     header = (layout.header,) if isinstance(layout.header, int) else layout.header
     if header is not None and (not header or min(header) < 1):
         raise InputError(f"{path}: header is {layout.header}: expected a line's number from 1 on, or a list")
-    return Dialect(separator, layout.comment or None, header)
+    dialect = Dialect(separator, layout.comment or None, header)
+    return ColumnMap(str(path), columns, sensors, layout.sensor_column, dialect)
 
 
 def _sensor_columns(path: Path, where: str, table: Mapping[str, object]) -> SensorColumns:

@@ -21,9 +21,8 @@ from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointV
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.camera import CameraModel
+from vip_factors.sensors.camera import CameraModel, Odometry
 from vip_factors.sensors.frames import ImuFrames, resample
-from vip_factors.sensors.odometry import Odometry
 from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from vip_factors.geometry.rotations import Array, angle_between, exp, transpose
 from vip_factors.initialise.camera import along_odometry, in_camera_axes
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.camera import CameraPath
-from vip_factors.sensors.odometry import Odometry
+from vip_factors.sensors.camera import CameraPath, Odometry
 from vip_factors.sensors.scene import Scene
 
 OPENGL = np.diag([1.0, -1.0, -1.0])

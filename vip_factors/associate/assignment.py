@@ -218,50 +218,27 @@ class _Dual:
         return np.asarray(chosen & (np.bincount(self.detection, chosen)[self.detection] == 1))
 
 
-def _constraints(problem: AssignmentProblem) -> LinearConstraint:
+def _constraints(problem: AssignmentProblem) -> list[LinearConstraint]:
+    """Constraints on the choices ``(H,)`` and the products of edges ``(E,)``."""
     H, E = len(problem.cost), len(problem.edges)
-    rows = _Rows(H + E)
-    wearer_frame, detection = _exclusive_groups(problem)
-    for group in (wearer_frame, detection):
-        shared = np.bincount(group)[group] > 1
-        rows.add(group[shared], np.flatnonzero(shared), np.ones(int(shared.sum())), 1.0)
-    edge = np.arange(E)
-    for near, far in (problem.edges.T, problem.edges.T[::-1]):
-        # All products of one choice with a wearer in another frame: at most that choice.
-        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
-        firsts = np.unique(key, return_index=True)[1]
-        row = np.concatenate([key, np.arange(len(firsts))])
-        value = np.concatenate([np.ones(E), -np.ones(len(firsts))])
-        rows.add(row, np.concatenate([H + edge, near[firsts]]), value, 0.0)
-    dear = np.flatnonzero(problem.edge_cost > 0)
-    for near, far in (problem.edges[dear].T, problem.edges[dear].T[::-1]):
-        # A choice and one of a wearer in another frame: their product, which is expensive, must count.
-        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
-        firsts, unit = np.unique(key, return_index=True)[1], np.ones(len(dear))
-        row = np.concatenate([np.arange(len(firsts)), key, key])
-        value = np.concatenate([np.ones(len(firsts)), unit, -unit])
-        rows.add(row, np.concatenate([near[firsts], far, H + dear]), value, 1.0)
-    return rows.constraint()
+    groups = _exclusive_groups(problem)
+    constraints = [_at_most(1.0, H + E, (group, np.arange(H), 1.0)) for group in groups]
+    for edges, are_dear in ((np.arange(E), False), (np.flatnonzero(problem.edge_cost > 0), True)):
+        for near, far in (problem.edges[edges].T, problem.edges[edges].T[::-1]):
+            _, first_rows, row = np.unique(
+                near * (int(groups[0].max()) + 1) + groups[0][far], return_index=True, return_inverse=True
+            )
+            choice, product = (np.arange(len(first_rows)), near[first_rows]), (row, H + edges)
+            if are_dear:  # a choice and one of a wearer in another frame: their product, which is expensive, must count
+                constraints.append(_at_most(1.0, H + E, (*choice, 1.0), (row, far, 1.0), (*product, -1.0)))
+            else:  # all products of one choice with a wearer in another frame: at most that choice
+                constraints.append(_at_most(0.0, H + E, (*product, 1.0), (*choice, -1.0)))
+    return constraints
 
 
-class _Rows:
-    """Inequalities ``A x ≤ b``, collected in blocks."""
-
-    def __init__(self, columns: int) -> None:
-        self.columns, self.count = columns, 0
-        self.parts: list[tuple[np.ndarray, np.ndarray, Array]] = []
-        self.bounds: list[Array] = []
-
-    def add(self, row: np.ndarray, column: np.ndarray, value: Array, bound: float) -> None:
-        if len(row) == 0:
-            return
-        row = np.unique(row, return_inverse=True)[1]
-        self.parts.append((row + self.count, column, value))
-        added = int(row.max()) + 1
-        self.bounds.append(np.full(added, bound))
-        self.count += added
-
-    def constraint(self) -> LinearConstraint:
-        row, column, value = (np.concatenate(values) for values in zip(*self.parts, strict=True))
-        A = coo_array((value, (row, column)), shape=(self.count, self.columns)).tocsr()
-        return LinearConstraint(A, -np.inf, np.concatenate(self.bounds))
+def _at_most(bound: float, width: int, *parts: tuple[np.ndarray, np.ndarray, float]) -> LinearConstraint:
+    """Inequalities ``A x ≤ bound``; parts of ``A`` are rows, columns and a value."""
+    value = np.concatenate([np.full(len(row), value) for row, _, value in parts])
+    row, column = (np.concatenate([part[axis] for part in parts]) for axis in (0, 1))
+    A = coo_array((value, (row, column)), shape=(int(row.max(initial=-1)) + 1, width)).tocsr()
+    return LinearConstraint(A, -np.inf, bound)

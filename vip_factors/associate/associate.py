@@ -144,22 +144,16 @@ def _by_motion(
     log_odds = verdict.log_odds(verdict_features(context, features[rows], odds[rows], problem, chosen))
     confidence = 1 / (1 + np.exp(-np.clip(log_odds, -50, 50)))
     sure = confidence >= settings.least_confidence
-    sure[sure] = ~_contradicted(context, rows[chosen][sure], odds)
+    # Choices that contradict the wearer's tracklets.
+    detection, sure_rows = problem.detection[chosen][sure], rows[chosen][sure]
+    wearer_of, odds_of = np.full(len(context.frame), -1), np.zeros(len(context.frame))
+    wearer_of[detection], odds_of[detection] = context.hypotheses.wearer[sure_rows], odds[sure_rows]
+    wrong = contradicted(context.frame, context.track, wearer_of, odds_of)
+    wrong |= brief_choices(context.track, np.where(wrong, -1, wearer_of), context.weight, context.rate)
+    sure[sure] = ~wrong[detection]
     wearer = problem.wearer[chosen]
     sure &= np.bincount(wearer, weights=sure, minlength=1)[wearer] >= least_choices  # seen again
     return _result(context, odds, rows[chosen][sure], confidence[sure])
-
-
-def _contradicted(context: Context, rows: np.ndarray, odds: Array) -> np.ndarray:
-    """Chosen hypotheses ``(C,)`` that contradict the wearer's tracklets."""
-    detection = context.hypotheses.detection[rows]
-    wearer = np.full(len(context.frame), -1)
-    wearer[detection] = context.hypotheses.wearer[rows]
-    odds_of_detection = np.zeros(len(wearer))
-    odds_of_detection[detection] = odds[rows]
-    wrong = contradicted(context.frame, context.track, wearer, odds_of_detection)
-    wrong |= brief_choices(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
-    return wrong[detection]
 
 
 def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Array | None:

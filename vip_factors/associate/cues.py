@@ -33,7 +33,7 @@ def clothes_log_odds(context: Context, colour: Array, wearer: np.ndarray) -> Arr
     W, N = len(context.wearers), len(wearer)
     odds = np.zeros((W, N))
     around = _around(context, colour)
-    looked = np.isfinite(colour[:, :1]).ravel()
+    looked = np.isfinite(colour[:, 0])
     has_colour = np.isfinite(around).all(axis=1)
     for w in range(W):
         shows = np.zeros(len(context.time), bool)
@@ -42,7 +42,10 @@ def clothes_log_odds(context: Context, colour: Array, wearer: np.ndarray) -> Arr
         of_others = looked & (wearer != w) & shows[context.frame]
         if min(of_wearer.sum(), of_others.sum()) < enough_looks:
             continue
-        unlike = _unlike(around, np.median(colour[of_wearer], axis=0))
+        # Hellinger distances from the wearer's usual histogram.
+        usual = np.median(colour[of_wearer], axis=0)
+        alike = np.sum(np.sqrt(np.maximum(around, 0) * (usual / max(float(usual.sum()), 1e-9))), axis=1)
+        unlike = np.asarray(np.sqrt(np.maximum(1 - alike, 0)))
         of_wearer &= unlike <= np.quantile(unlike[of_wearer], trusted)
         mine = _density(unlike[has_colour], unlike[of_wearer], changed)
         odds[w, has_colour] = np.clip(
@@ -59,12 +62,6 @@ def _around(context: Context, colour: Array) -> Array:
     looked = np.isfinite(colour).all(axis=1)
     total, count = sums_around(key, half, key[looked], colour[looked])
     return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
-
-
-def _unlike(colour: Array, reference: Array) -> Array:
-    """Hellinger distances ``(N,)`` of histograms ``(N, B)`` from a reference ``(B,)``."""
-    share = reference / max(float(reference.sum()), 1e-9)
-    return np.asarray(np.sqrt(np.maximum(1 - np.sum(np.sqrt(np.maximum(colour, 0) * share), axis=1), 0)))
 
 
 def _density(distance: Array, samples: Array, uniform_share: float) -> Array:

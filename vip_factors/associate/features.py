@@ -96,11 +96,14 @@ class Context:
 
 def unary_features(context: Context) -> Array:
     """Features ``(P, len(UNARY))`` of all hypotheses, or ``(P, len(UNARY_CAMERA))`` if the camera is known."""
+    usual_keypoints = 15  # of a person who is entirely visible
     h = context.hypotheses
-    log_cost = np.log(h.cost * _freedom_factor(context) + 0.02)
-    limbs = _limb_agreement(context)
-    tilt = _tilt(context)
-    unsteady, seconds = _unsteadiness(context), _track_seconds(context)
+    # A camera takes six of 2n degrees of freedom: squared errors are too small where it is fitted to few keypoints.
+    used = np.sum(np.isfinite(h.error[..., 0]), axis=1)
+    log_cost = np.log(h.cost * ((1 - 3 / usual_keypoints) / (1 - 3 / used)) + 0.02)
+    limbs, tilt, unsteady = _limb_agreement(context), _tilt(context), _unsteadiness(context)
+    track_frames = np.bincount(context.track)[context.track[h.detection]]
+    seconds = np.minimum(track_frames / context.rate, WINDOWS_S[-1])
     short, long = (partial(_mean_along_track, context, window) for window in WINDOWS_S)
     long_cost, long_unsteady = long(log_cost), long(unsteady)
     columns = [log_cost, short(log_cost), long_cost, limbs, short(limbs), long(limbs), *_joint_counts(context)]
@@ -113,16 +116,6 @@ def unary_features(context: Context) -> Array:
         turn = angle_between(R_camera_world, h.R_camera_world)
         columns += [error, long(error), rival(h.frame, h.wearer, error), turn]
     return np.stack(columns, axis=1)
-
-
-def _freedom_factor(context: Context) -> Array:
-    """Factors ``(P,)`` for mean squared errors, which are too small where a camera is fitted to few keypoints.
-
-    A camera takes six of ``2n`` degrees of freedom.
-    """
-    usual_keypoints = 15  # of a person who is entirely visible
-    used = np.sum(np.isfinite(context.hypotheses.error[..., 0]), axis=1)
-    return np.asarray((1 - 3 / usual_keypoints) / (1 - 3 / used))
 
 
 def _joint_counts(context: Context) -> tuple[Array, ...]:
@@ -199,34 +192,22 @@ def _agreed_up(context: Context) -> Array:
     return agreed
 
 
-def _row_ahead(context: Context, seconds_ahead: float) -> np.ndarray:
-    """Row of the same wearer's hypothesis with the same tracklet ``seconds_ahead`` later, for each; −1 without one."""
-    h = context.hypotheses
-    offset = max(1, round(seconds_ahead * context.rate))
-    key = (context.track[h.detection] * len(context.wearers) + h.wearer) * (len(context.time) + 2 * offset) + h.frame
-    order = np.argsort(key)
-    place = np.minimum(np.searchsorted(key[order], key + offset), len(key) - 1)
-    row = order[place] if len(key) else order
-    return np.where(key[row] == key + offset, row, -1)
-
-
 def _unsteadiness(context: Context) -> Array:
     """Angle ``(P,)`` by which the hypothesis camera turns in the world within a sixth of a second."""
-    turn_over_s = 0.17  # between the compared hypotheses
+    turn_over_s = 0.17  # between the compared hypotheses of a wearer and a tracklet
     h = context.hypotheses
-    row = _row_ahead(context, turn_over_s)
-    angle = angle_between(h.R_camera_world, h.R_camera_world[row]) if len(h) else np.zeros(0)
-    angle = np.where(row >= 0, angle, np.nan)
+    if not len(h):
+        return np.zeros(0)
+    offset = max(1, round(turn_over_s * context.rate))
+    key = (context.track[h.detection] * len(context.wearers) + h.wearer) * (len(context.time) + 2 * offset) + h.frame
+    order = np.argsort(key)
+    row = order[np.minimum(np.searchsorted(key[order], key + offset), len(key) - 1)]
+    exists = key[row] == key + offset
+    angle = np.where(exists, angle_between(h.R_camera_world, h.R_camera_world[row]), np.nan)
     backwards = np.full(len(h), np.nan)
-    backwards[row[row >= 0]] = angle[row >= 0]
+    backwards[row[exists]] = angle[exists]
     turn = np.fmax(angle, backwards)
     return np.where(np.isfinite(turn), turn, np.deg2rad(20.0))  # a neutral value for a person seen for a moment
-
-
-def _track_seconds(context: Context) -> Array:
-    """Duration ``(P,)`` of the detection's tracklet, up to the longer window."""
-    count = np.bincount(context.track)[context.track[context.hypotheses.detection]]
-    return np.minimum(count / context.rate, WINDOWS_S[-1])
 
 
 def _mean_along_track(context: Context, window_s: float, values: Array) -> Array:

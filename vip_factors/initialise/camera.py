@@ -24,8 +24,7 @@ from vip_factors.geometry.rotations import (
     wrap_angle,
     yaw_of,
 )
-from vip_factors.sensors.camera import CameraPath
-from vip_factors.sensors.odometry import Odometry
+from vip_factors.sensors.camera import CameraPath, Odometry
 from vip_factors.sensors.scene import Camera
 
 MEAN_ROUNDS = 10  # of reweighting; a robust mean converges in five

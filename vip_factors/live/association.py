@@ -40,25 +40,15 @@ def best_paths(gain: Array, jump: Array, blink: float) -> np.ndarray:
     most_orders = 6  # of wearers to be tried: all orders of three
     F, W, N = gain.shape
     cost = np.concatenate([-gain, np.zeros((F, W, 1))], axis=2)
-    step = _steps(jump, blink)
-    path, _ = _viterbi(cost, step)
-    if not _conflicts(path, N):
-        return np.where(path < N, path, -1)
-    best_path, least = path, np.inf
-    for order in islice(permutations(range(W)), most_orders):
-        tried, total = _in_turn(cost, step, order)
-        if total < least:
-            best_path, least = tried, total
-    return np.where(best_path < N, best_path, -1)
-
-
-def _steps(jump: Array, blink: float) -> Array:
-    """Cost ``(F − 1, N + 1, N + 1)`` of the step from a state to one of the next frame; the last is nobody."""
-    steps, N, _ = jump.shape
-    step = np.full((steps, N + 1, N + 1), blink)
+    step = np.full((F - 1, N + 1, N + 1), blink)  # from a state to one of the next frame; the last is nobody
     step[:, :N, :N] = jump
     step[:, N, N] = 0.0
-    return step
+    path, _ = _viterbi(cost, step)
+    ordered = np.sort(path, axis=1)
+    if np.any((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] < N)):
+        orders = islice(permutations(range(W)), most_orders)
+        path, _ = min((_in_turn(cost, step, order) for order in orders), key=lambda choice: choice[1])
+    return np.where(path < N, path, -1)
 
 
 def _viterbi(cost: Array, step: Array) -> tuple[np.ndarray, Array]:
@@ -74,11 +64,6 @@ def _viterbi(cost: Array, step: Array) -> tuple[np.ndarray, Array]:
     for f in range(F - 1, 0, -1):
         path[f - 1] = back[f - 1][rows, path[f]]
     return path, total.min(axis=1)
-
-
-def _conflicts(path: np.ndarray, nobody: int) -> bool:
-    ordered = np.sort(path, axis=1)
-    return bool(np.any((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] < nobody)))
 
 
 def _in_turn(cost: Array, step: Array, order: tuple[int, ...]) -> tuple[np.ndarray, float]:
@@ -229,10 +214,8 @@ class OnlineAssociation:
         odds = self._odds(belief, people).frame(0)
         if late:
             return _assign(np.where(odds.usable, odds.both, -NEVER))
-        row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
+        row, number = self._linked(frame.time, people)
         self._tracks.accumulate(row, odds.appearance, elapsed)
-        number = self._tracks.number[row]
-        self._remember_frame(frame.time, people, number)
         memory = self._tracks.evidence[..., row]
         is_own_track = np.array([wearer.track for wearer in self._wearers])[:, None] == number
         chosen = _assign(self._gain(odds, memory, number, self.STAY * is_own_track))
@@ -250,12 +233,17 @@ class OnlineAssociation:
         Returns:
             Index ``(W,)`` of the person who is each wearer, for each frame; −1 for nobody.
         """
-        persons = [self._frames.get(frame.time) or self._unknown(frame) for frame in frames]
-        people = stack_people([people_of_frame for people_of_frame, _ in persons])
+        numbers, people_of_frames = list[np.ndarray](), list[People]()
+        for frame in frames:
+            unknown = people_of(frame.pixels, frame.confidence, self.model), np.zeros(0, int)
+            known_people, known_numbers = self._frames.get(frame.time, unknown)
+            people_of_frames.append(known_people)
+            numbers.append(known_numbers)
+        people = stack_people(people_of_frames)
         odds = self._odds(belief, people)
         number = np.full(people.is_person.shape, NOBODY)
-        for row, (_, numbers) in zip(number, persons, strict=True):
-            row[: len(numbers)] = numbers
+        for row, numbers_of_frame in zip(number, numbers, strict=True):
+            row[: len(numbers_of_frame)] = numbers_of_frame
         memory = self._tracks.evidence_of(number).swapaxes(0, 1)
         gain = np.where(people.is_person[:, None], self._gain(odds, memory, number), -NEVER)
         paths = best_paths(gain, self._jump([frame.time for frame in frames], people, number), self.BLINK)
@@ -270,21 +258,21 @@ class OnlineAssociation:
         self._time = frame.time
         people = people_of(frame.pixels, frame.confidence, self.model)
         self._fitter.count_keypoints(people)
-        row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
-        number = self._tracks.number[row]
-        self._remember_frame(frame.time, people, number)
+        _, number = self._linked(frame.time, people)
         self._begin(frame.time)
         self._set_tracks(frame.time, chosen, number)
-
-    def _unknown(self, frame: VideoFrame) -> tuple[People, np.ndarray]:
-        return people_of(frame.pixels, frame.confidence, self.model), np.zeros(0, int)
 
     def _begin(self, time: float) -> None:
         for wearer in self._wearers:
             wearer.seen_at = time if wearer.seen_at is None else wearer.seen_at
 
-    def _remember_frame(self, time: float, people: People, number: np.ndarray) -> None:
-        """Remember a frame, later than all before, and the distances of its persons from those of the last one."""
+    def _linked(self, time: float, people: People) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and numbers of the tracks of a frame's persons, which is remembered and later than all before.
+
+        The distances of its persons from those of the last frame are remembered as well.
+        """
+        row = self._tracks.link(time, people.rays[0], people.weight[0])
+        number = self._tracks.number[row]
         previous_time = next(reversed(self._frames), -np.inf)
         if time - previous_time <= LONGEST_GAP_S:
             self._gaps[previous_time, time] = self._tracks.gap(self._frames[previous_time][1])
@@ -293,13 +281,7 @@ class OnlineAssociation:
             del self._frames[old]
         while self._gaps and (pair := next(iter(self._gaps)))[0] < time - self.MEMORY_S:
             del self._gaps[pair]
-
-    def _lost_m(self) -> Array:
-        """Uncertainty of positions in addition to the belief's, ``(W,)``, metres."""
-        unseen = [0.0 if wearer.seen_at is None else self._time - wearer.seen_at for wearer in self._wearers]
-        drift = [self.DRIFT_M_S * max(seconds - self.PATIENCE_S, 0.0) for seconds in unseen]
-        wide = [math.hypot(wearer.wide_m, far) for wearer, far in zip(self._wearers, drift, strict=True)]
-        return np.minimum(wide, self.MOST_LOST_M)
+        return row, number
 
     def _odds(self, belief: Belief, people: People) -> _Odds:
         R = belief.R_world_camera
@@ -307,7 +289,10 @@ class OnlineAssociation:
         depth = self._fitter.middle(points)[..., 2]
         covariance = transpose(R)[:, None] @ belief.root_covariance @ R[:, None]
         variances = np.einsum("...ii->...i", covariance)
-        variances += self._lost_m()[:, None] ** 2
+        unseen = [0.0 if wearer.seen_at is None else self._time - wearer.seen_at for wearer in self._wearers]
+        drift = [self.DRIFT_M_S * max(seconds - self.PATIENCE_S, 0.0) for seconds in unseen]
+        lost_m = [math.hypot(wearer.wide_m, far) for wearer, far in zip(self._wearers, drift, strict=True)]
+        variances += np.minimum(lost_m, self.MOST_LOST_M)[:, None] ** 2
         variances[..., :2] += (self.CAMERA_SIGMA * depth[..., None]) ** 2
         fit = self._fitter.fit(points, people, covariance)
         appearance = (

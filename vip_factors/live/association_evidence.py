@@ -7,7 +7,7 @@ Persons are tracked in the image only, and the evidence for each is averaged ove
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -143,17 +143,13 @@ class BodyFitter:
         sure = np.clip((w[..., self.major] - LEAST_CONFIDENCE) / FULL_CONFIDENCE, 0, 1)
         fits = np.einsum("...k,...k->...", sure, np.exp(square[..., self.major] * (-0.5 / FITTING_M**2)))
         moved = t - place[:, :, None]
-        around = (covariance + self._slack(depth))[:, :, None] + doubt
+        slack = np.zeros((*depth.shape[:2], 3, 3))  # of a fitted position, due to wrongly predicted limbs
+        slack[..., 0, 0] = slack[..., 1, 1] = self.side_m**2
+        slack[..., 2, 2] = (self.depth_share * depth[..., 0] / 2) ** 2
+        around = (covariance + slack)[:, :, None] + doubt
         position = np.sum(moved * np.linalg.solve(around, moved[..., None])[..., 0], axis=-1)
         shape = shape / np.maximum(w.sum(axis=-1), LEAST_WEIGHT)
         return Fit(shape, joint_weight * fits, joint_weight * sure.sum(axis=-1), position)
-
-    def _slack(self, depth: Array) -> Array:
-        """Covariance ``(F, W, 3, 3)`` of a fitted position due to wrongly predicted limbs."""
-        slack = np.zeros((*depth.shape[:2], 3, 3))
-        slack[..., 0, 0] = slack[..., 1, 1] = self.side_m**2
-        slack[..., 2, 2] = (self.depth_share * depth[..., 0] / 2) ** 2
-        return slack
 
     def _moved(self, local: Array, rays: Array, w: Array, depth: Array, prior: Array) -> tuple[Array, Array, Array]:
         """Move the bodies to each person by a robust fit.
@@ -201,7 +197,6 @@ def image_gap(rays_a: Array, rays_b: Array, weight_a: Array, weight_b: Array) ->
     return keypoint_distance(*rays, *weight, np.maximum(size_a[..., :, None], size_b[..., None, :]))
 
 
-@dataclass
 class PersonTracks:
     """Tracks of all persons, wearers or not.
 
@@ -209,30 +204,30 @@ class PersonTracks:
         wearers: number of wearers.
         keypoints: number of keypoints of the detector.
         memory_s: time constant of the averaged evidence, which starts at zero.
+
+    Attributes:
+        number, time: ``(M,)`` of the tracks, and seconds of their last persons.
+        rays, weight: ``(M, K, 2)`` and ``(M, K)`` of these persons, as in :class:`People`.
+        evidence: ``(W, M)`` mean log-odds of the appearance.
     """
 
-    wearers: int
-    keypoints: int
-    memory_s: float
-    number: np.ndarray = field(init=False)
-    time: Array = field(init=False)
-    rays: Array = field(init=False)
-    weight: Array = field(init=False)
-    evidence: Array = field(init=False)  # (W, M) mean log-odds of the appearance
-
-    def __post_init__(self) -> None:
+    def __init__(self, wearers: int, keypoints: int, memory_s: float) -> None:
+        self.memory_s = memory_s
         self.number, self.time = np.zeros(0, int), np.zeros(0)
-        self.rays, self.weight = np.zeros((0, self.keypoints, 2)), np.zeros((0, self.keypoints))
-        self.evidence = np.zeros((self.wearers, 0))
+        self.rays, self.weight = np.zeros((0, keypoints, 2)), np.zeros((0, keypoints))
+        self.evidence = np.zeros((wearers, 0))
         self._gap_from, self._gap = np.zeros(0, int), np.zeros((0, 0))
         self._next = 0
 
     def link(self, time: float, rays: Array, weight: Array) -> np.ndarray:
         """Link persons ``(N, K, 2)`` to tracks, or begin new ones: rows ``(N,)``, which then end at this frame."""
         lifetime_s = 1.0  # lifetime of an ended track: frames within the lag may be associated again
-        self._select(self.time >= time - lifetime_s)
+        kept = self.time >= time - lifetime_s
+        if not kept.all():
+            self.number, self.time, self.evidence = self.number[kept], self.time[kept], self.evidence[..., kept]
+            self.rays, self.weight = self.rays[kept], self.weight[kept]
         row = np.full(len(rays), -1)
-        evidence = np.zeros((self.wearers, len(rays)))
+        evidence = np.zeros((len(self.evidence), len(rays)))
         open_ends = np.flatnonzero(self.time >= time - LONGEST_GAP_S - STILL_THE_SAME_S)
         self._gap_from, self._gap = self.number[open_ends], np.zeros((len(open_ends), len(rays)))
         if len(open_ends) and len(rays):
@@ -240,7 +235,14 @@ class PersonTracks:
         fresh = np.flatnonzero(row < 0)
         if len(fresh):
             row[fresh] = len(self.number) + np.arange(len(fresh))
-            self._begin(evidence[..., fresh])
+            self.number = np.append(self.number, self._next + np.arange(len(fresh)))
+            self._next += len(fresh)
+            self.time = np.append(self.time, np.zeros(len(fresh)))
+            self.rays, self.weight = (
+                np.concatenate([self.rays, rays[fresh]]),
+                np.concatenate([self.weight, weight[fresh]]),
+            )
+            self.evidence = np.concatenate([self.evidence, evidence[..., fresh]], axis=1)
         self.rays[row], self.weight[row], self.time[row] = rays, weight, time
         return row
 
@@ -264,21 +266,6 @@ class PersonTracks:
         """:func:`image_gap` from the open ends of tracks by number ``(M,)`` to the persons linked last."""
         return self._gap[np.searchsorted(self._gap_from, number)]
 
-    def _begin(self, evidence: Array) -> None:
-        count = evidence.shape[1]
-        self.number = np.append(self.number, self._next + np.arange(count))
-        self._next += count
-        self.time = np.append(self.time, np.zeros(count))
-        self.rays = np.concatenate([self.rays, np.zeros((count, self.keypoints, 2))])
-        self.weight = np.concatenate([self.weight, np.zeros((count, self.keypoints))])
-        self.evidence = np.concatenate([self.evidence, evidence], axis=1)
-
-    def _select(self, which: np.ndarray) -> None:
-        if which.all():
-            return
-        self.number, self.time, self.evidence = self.number[which], self.time[which], self.evidence[..., which]
-        self.rays, self.weight = self.rays[which], self.weight[which]
-
     def accumulate(self, row: np.ndarray, log_odds: Array, elapsed: float) -> None:
         """Add the log-odds ``(W, N)`` of one more frame to tracks ``row``, after ``elapsed`` seconds."""
         share = 1 - np.exp(-max(elapsed, 0.0) / self.memory_s)
@@ -287,6 +274,6 @@ class PersonTracks:
     def evidence_of(self, number: np.ndarray) -> Array:
         """Evidence ``(W, ...)`` of tracks by number; zero for a track that is not remembered."""
         if not len(self.number):
-            return np.zeros((self.wearers, *number.shape))
+            return np.zeros((len(self.evidence), *number.shape))
         place = np.minimum(np.searchsorted(self.number, number), len(self.number) - 1)
         return np.where(self.number[place] == number, self.evidence[:, place], 0.0)

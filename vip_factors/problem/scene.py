@@ -15,9 +15,8 @@ from vip_factors.geometry.rotations import Array, hat
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import CameraState, SceneState
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem, sole_shift
-from vip_factors.sensors.camera import CameraModel
+from vip_factors.sensors.camera import CameraModel, Odometry
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.odometry import Odometry
 from vip_factors.solve.slices import Blocks
 
 

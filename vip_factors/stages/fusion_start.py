@@ -26,9 +26,8 @@ from vip_factors.initialise.camera import (
 )
 from vip_factors.problem.scene import CameraProblem, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
-from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.camera import CameraPath, Odometry
 from vip_factors.sensors.frames import resample_streams
-from vip_factors.sensors.odometry import Odometry
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera

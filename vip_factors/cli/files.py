@@ -61,7 +61,16 @@ def open_one(path: Path) -> Opened:
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected a file")
     if path.suffix.lower() == ".mcap":
-        return _open_mcap(path)
+        from vip_factors.io import mcap_estimate, mcap_recording
+        from vip_factors.io.mcap_reader import read_contents
+
+        contents = read_contents(path, lambda topic: mcap_estimate.is_read(topic) or mcap_recording.is_read(topic))
+        if not (topics := contents.topics):
+            raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
+        is_estimate = any(topic.startswith(mcap_estimate.ESTIMATE) for topic in topics)
+        is_recording = any(topic in ("/recording/info", mcap_recording.SCENE_INFO) for topic in topics)
+        scene = mcap_recording.read_scene(contents) if is_recording or not is_estimate else None
+        return Opened(scene, mcap_estimate.read_estimate(contents) if is_estimate else None)
     from vip_factors.io.motions.files import MOTION_SUFFIXES, read_motion
 
     if path.suffix.lower() not in MOTION_SUFFIXES:
@@ -70,17 +79,3 @@ def open_one(path: Path) -> Opened:
             f"{path}: expected a file that ends in {suffixes}; vip-factors convert brings sensor logs into .mcap"
         )
     return Opened(motion=read_motion(path))
-
-
-def _open_mcap(path: Path) -> Opened:
-    from vip_factors.io import mcap_estimate, mcap_recording
-    from vip_factors.io.mcap_reader import read_contents
-
-    contents = read_contents(path, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel))
-    topics = contents.topics
-    if not topics:
-        raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
-    estimated = [topic for topic in topics if topic.startswith(mcap_estimate.ESTIMATE)]
-    estimate = mcap_estimate.read_estimate(contents) if estimated else None
-    measured = not estimated or any(topic in ("/recording/info", mcap_recording.SCENE_INFO) for topic in topics)
-    return Opened(mcap_recording.read_scene(contents) if measured else None, estimate)

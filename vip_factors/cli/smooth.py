@@ -3,7 +3,6 @@
 import shlex
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -201,13 +200,15 @@ def run_options(options: RunOptions) -> "Run":
 
     folder = options.out or usual_folder(options)
     filmed = _camera_words(options, folder)
-    placements: Sequence[str | None] = options.placement or [None] * len(options.log)
+    placements: list[list[str]] = [["--placement", placement] for placement in options.placement] or [[]] * len(
+        options.log
+    )
     words = [*_words(options.convert_options), *filmed]
     converted = [
         parse(
             ConvertOptions,
             "vip-factors convert",
-            [str(log), str(folder / "recording.mcap"), *_given("--placement", placement), *words],
+            [str(log), str(folder / "recording.mcap"), *placement, *words],
         )
         for log, placement in zip(options.log, placements, strict=True)
     ]
@@ -250,18 +251,14 @@ def _camera_words(options: RunOptions, folder: Path) -> list[str]:
         "--camera-path": options.camera_path,
         "--camera-name": [video.stem for video in options.video] if len(options.video) > 1 else (),
     }.items():
-        words += [word for value in values for word in _given(option, value)]
+        for value in values:
+            words += [option, str(value)]
     return words
 
 
 def _smooth_options(options: RunOptions) -> SmoothOptions:
-
     words = ["recording.mcap", *["--assign"] * options.assign, *_words(options.smooth_options)]
     return parse(SmoothOptions, "vip-factors smooth", words)
-
-
-def _given(option: str, value: object) -> list[str]:
-    return [] if value is None else [option, str(value)]
 
 
 def _words(text: str) -> list[str]:

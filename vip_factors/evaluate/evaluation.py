@@ -337,9 +337,7 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     if not comparison.wearers:
         raise InputError(f"scene '{scene.name}' holds no wearer's truth: expected at least one to compare with")
     table: dict[str, Metric] = {}
-    wearers = {
-        scene.wearers[index].subject.name: _wearer(estimate, scene, index, comparison) for index in comparison.wearers
-    }
+    wearers = {scene.names[index]: _wearer(estimate, scene, index, comparison) for index in comparison.wearers}
     for name in ("mpjpe", "mpjae", "scene_position_error", "length_error"):
         values = [evaluation.metrics[name] for evaluation in wearers.values()]
         table[name] = Metric(float(np.mean([metric.value for metric in values])), values[0].unit)
@@ -409,17 +407,13 @@ def _mean_of_cameras(cameras: Sequence[Metrics]) -> dict[str, Metric]:
     """The metrics of the only camera, or means of magnitudes over those of several that define them."""
     if len(cameras) == 1:
         return dict(cameras[0])
-    metrics: dict[str, list[Metric]] = {}
-    for camera in cameras:
-        for name, metric in camera.items():
-            metrics.setdefault(name, []).append(metric)
-    magnitudes = {name: np.abs([metric.value for metric in values]) for name, values in metrics.items()}
-    return {
-        name: Metric(
-            float(np.mean(values[np.isfinite(values)])) if np.isfinite(values).any() else np.nan, metrics[name][0].unit
-        )
-        for name, values in magnitudes.items()
-    }
+    table: dict[str, Metric] = {}
+    for name in dict.fromkeys(name for camera in cameras for name in camera):
+        metrics = [camera[name] for camera in cameras if name in camera]
+        values = np.abs([metric.value for metric in metrics])
+        known = values[np.isfinite(values)]
+        table[name] = Metric(float(np.mean(known)) if len(known) else np.nan, metrics[0].unit)
+    return table
 
 
 def _consistency(

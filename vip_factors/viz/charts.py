@@ -119,9 +119,8 @@ def svg(drawing: Figure | Axes) -> str:
     assert isinstance(figure, Figure), "axes of a part of a figure"
     file = BytesIO()
     svg_dpi = 108  # of what is drawn as pixels within: half as many again as the page has
-    with mpl.rc_context(
-        {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}
-    ):  # text stays text, a file stays itself
+    style = {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}  # text stays text, a file stays itself
+    with mpl.rc_context(style):
         figure.savefig(file, format="svg", dpi=svg_dpi, metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
     return file.getvalue().decode()
 
@@ -194,15 +193,11 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
     edges = np.linspace(0, len(time), BINS + 1).astype(int)
     indices = []
     for start, stop in itertools.pairwise(edges):
-        interval = values[start:stop]
-        if np.isfinite(interval).all():
-            indices += sorted({start + int(np.argmin(interval)), start + int(np.argmax(interval))})
-        else:  # a gap, if only of a frame, is to be seen
-            indices += [
-                *np.flatnonzero(np.isfinite(interval))[:1] + start,
-                start + int(np.flatnonzero(~np.isfinite(interval))[0]),
-            ]
-            indices.sort()
+        interval, is_known = values[start:stop], np.isfinite(values[start:stop])
+        shown = {int(np.argmin(interval)), int(np.argmax(interval))}
+        if not is_known.all():  # a gap, if only of a frame, is to be seen
+            shown = {*np.flatnonzero(is_known)[:1].tolist(), int(np.argmin(is_known))}
+        indices += [start + index for index in sorted(shown)]
     chosen = np.array(indices, int)
     return time[chosen], values[chosen]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from vip_factors.cli.main import COMMANDS
-from vip_factors.cli.options import options_of, parse
+from vip_factors.cli.main import COMMANDS, options_of
+from vip_factors.cli.options import parse
 from vip_factors.io.convert import FORMATS as LOG_FORMATS
 from vip_factors.io.export.files import FORMATS as EXPORT_FORMATS
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from vip_factors.cli.main import COMMANDS, main
-from vip_factors.cli.options import UNPREFIXED, options_of, parse
+from vip_factors.cli.main import COMMANDS, main, options_of
+from vip_factors.cli.options import UNPREFIXED, parse
 from vip_factors.io.export.files import FORMATS
 
 SLOW = ("numpy", "gtsam", "scipy", "cv2", "rerun", "mcap", "matplotlib")

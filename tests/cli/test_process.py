@@ -55,5 +55,5 @@ def test_a_signal_while_a_compiled_module_is_loaded(monkeypatch: pytest.MonkeyPa
         except KeyboardInterrupt:
             raise ImportError("initialization failed") from None
 
-    monkeypatch.setattr("vip_factors.cli.options.import_module", loaded)
+    monkeypatch.setattr("vip_factors.cli.main.import_module", loaded)
     assert main(["smooth"]) == 130

@@ -4,8 +4,9 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any, NoReturn
 
 from vip_factors import __version__
 from vip_factors.cli.terminal import STANDARD_OUTPUT, Ending, give_up_output, printable, say
@@ -14,25 +15,26 @@ from vip_factors.errors import VipFactorsError, naming_file
 PROGRAM = "vip-factors"
 DESCRIPTION = "Body-worn inertial sensors and one camera in, 3D human motion out."
 BAD_INPUT = 2
+# Module of each command, imported when asked for, and its help. A command is a function, execute_….
 COMMANDS = {
-    "demo": "reconstruct a recording that the package makes itself",
-    "convert": "bring sensor logs, 2D poses and a camera into one recording",
-    "detect": "find the 2D poses of everybody in a video",
-    "run": "from a video and sensor logs to motion and a report",
-    "calibrate-camera": "find a camera's focal length, distortion and the floor",
-    "info": "say what a recording, a scene or an estimate holds",
-    "body": "write the body that was found into a file, for the next time",
-    "simulate": "make a recording, or a filmed scene, with known truth",
-    "sync": "find the offset between the clocks of video and sensors",
-    "smooth": "reconstruct: motion, headings, mountings, camera, who is who",
-    "graph": "draw the factor graph of a recording, with counts",
-    "stream": "track sensors and detections as they arrive",
-    "evaluate": "compare an estimate with the truth",
-    "export": "write an estimate into files of other programs",
-    "report": "write an estimate as one page for people",
-    "gait": "tell how somebody walked: strides, figures, joint angles",
-    "repetitions": "tell squats, lunges, jumps and curls, and jump heights",
-    "view": "look at recordings and estimates in Rerun",
+    "demo": ("recordings", "reconstruct a recording that the package makes itself"),
+    "convert": ("convert", "bring sensor logs, 2D poses and a camera into one recording"),
+    "detect": ("convert", "find the 2D poses of everybody in a video"),
+    "run": ("smooth", "from a video and sensor logs to motion and a report"),
+    "calibrate-camera": ("calibrate_camera", "find a camera's focal length, distortion and the floor"),
+    "info": ("views", "say what a recording, a scene or an estimate holds"),
+    "body": ("results", "write the body that was found into a file, for the next time"),
+    "simulate": ("recordings", "make a recording, or a filmed scene, with known truth"),
+    "sync": ("recordings", "find the offset between the clocks of video and sensors"),
+    "smooth": ("smooth", "reconstruct: motion, headings, mountings, camera, who is who"),
+    "graph": ("views", "draw the factor graph of a recording, with counts"),
+    "stream": ("stream", "track sensors and detections as they arrive"),
+    "evaluate": ("results", "compare an estimate with the truth"),
+    "export": ("results", "write an estimate into files of other programs"),
+    "report": ("views", "write an estimate as one page for people"),
+    "gait": ("results", "tell how somebody walked: strides, figures, joint angles"),
+    "repetitions": ("results", "tell squats, lunges, jumps and curls, and jump heights"),
+    "view": ("views", "look at recordings and estimates in Rerun"),
 }
 
 
@@ -94,29 +96,51 @@ def _dispatched(words: Sequence[str]) -> int:
     try:
         if not words or words[0] not in COMMANDS:
             _run_without_command(words)
-        from vip_factors.cli.options import run_command
-
         command, *words = words
         if command in ("smooth", "stream") and not {"-h", "--help"} & {*words}:
             from vip_factors.cli import multi_file
 
             if multi_file.is_multi_file(command, words):
-                return multi_file.main(command, f"{PROGRAM} {command}", words)
-        run_command(command, f"{PROGRAM} {command}", words)
+                return multi_file.main(command, options_of(command), words)
+        run_command(command, words)
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
     return 0
+
+
+def run_command(command: str, words: Sequence[str]) -> None:
+    """Run a command with the options that the words after it make.
+
+    Raises:
+        InputError: as :func:`~vip_factors.cli.options.parse`, and for a file that exists and may not be replaced, or
+            cannot be written.
+    """
+    from vip_factors.cli.options import check_existing, parse
+
+    options = parse(options_of(command), f"{PROGRAM} {command}", words)
+    check_existing(options)
+    _function(command)(options)
+
+
+def options_of(command: str) -> type[Any]:
+    """Dataclass of a command's options; the module of the command is imported."""
+    options: type[Any] = _function(command).__annotations__["options"]
+    return options
+
+
+def _function(command: str) -> Callable[[Any], None]:
+    module = import_module(f"vip_factors.cli.{COMMANDS[command][0]}")
+    function: Callable[[Any], None] = getattr(module, f"execute_{command.replace('-', '_')}")
+    return function
 
 
 def _run_without_command(words: Sequence[str]) -> NoReturn:
     """Print help, a script that completes words in a shell, or what is wrong about words that name no command."""
     from tyro.extras import SubcommandApp
 
-    from vip_factors.cli.options import options_of
-
     completes = bool(words) and words[0] in ("--tyro-print-completion", "--tyro-write-completion")
     commands = SubcommandApp()
-    for name, line in COMMANDS.items():
+    for name, (_, line) in COMMANDS.items():
         commands.command(name=name, help=line)(options_of(name) if completes else lambda: None)
     commands.cli(prog=PROGRAM, description=DESCRIPTION, args=words)
     raise SystemExit(0)

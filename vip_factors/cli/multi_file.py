@@ -20,7 +20,7 @@ from typing import Any, cast
 
 from vip_factors.atomic import atomic_open, atomic_path
 from vip_factors.cli.options import FAILED as DOUBTED
-from vip_factors.cli.options import options_of, parse
+from vip_factors.cli.options import parse
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.cli.workers import run_child, workers
 from vip_factors.display import table_cell
@@ -74,15 +74,20 @@ def is_multi_file(command: str, words: Sequence[str]) -> bool:
     return any(map(is_several, _names(words))) or is_url(_taken(words, "--out")[0] or "")
 
 
-def main(command: str, prog: str, words: Sequence[str]) -> int:
+def main(command: str, kind: type[Any], words: Sequence[str]) -> int:
     """Run a command over many recordings, and return the worst exit code; failures are reported, and the others go on.
+
+    Args:
+        command: ``smooth`` or ``stream``.
+        kind: dataclass of its options.
+        words: after the command.
 
     Raises:
         InputError: for options that do not fit, or where there is nothing to work on.
     """
     names = _names(words)
     out, remaining = _taken(words[len(names) :], "--out")
-    options = parse(options_of(command), prog, ["some.mcap", *remaining])
+    options = parse(kind, f"vip-factors {command}", ["some.mcap", *remaining])
     for option in ("--jobs", "--cluster", "--summary", "--fail-on"):
         remaining = _taken(remaining, option)[1]
     files, rows, begun = _files(names, out, ENDINGS[command]), dict[Path, Row](), time.monotonic()

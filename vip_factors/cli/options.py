@@ -4,10 +4,9 @@ import ast
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cache, partial
-from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, get_type_hints
@@ -40,14 +39,6 @@ Flag = tyro.conf.FlagCreatePairsOff[bool]
 UNPREFIXED = tyro.conf.arg(name="", prefix_name=False)
 """Marks a dataclass among options whose fields are options of their own names: ``Annotated[Settings, UNPREFIXED]``."""
 
-# Modules of several commands; any other command is in the module of its name. A command is a function, execute_….
-MODULES = {
-    "convert": ("convert", "detect"),
-    "recordings": ("simulate", "demo", "sync"),
-    "results": ("body", "evaluate", "export", "gait", "repetitions"),
-    "smooth": ("smooth", "run"),
-    "views": ("info", "graph", "report", "view"),
-}
 FailOn = Literal["never", "care", "doubt"]
 FAILED = 3
 
@@ -62,32 +53,6 @@ def fail_on(limit: FailOn, verdict: "Verdict") -> None:
 
     if limit != "never" and verdict.severity.reaches(Severity(limit)):
         raise SystemExit(FAILED)
-
-
-def run_command(command: str, prog: str, words: Sequence[str]) -> None:
-    """Run a command with the options that the words after it make.
-
-    Raises:
-        InputError: as :func:`parse`, and for a file that exists and may not be replaced, or cannot be written.
-    """
-    options = parse(options_of(command), prog, words)
-    for path, mark in _marked_files(options):
-        if isinstance(mark, Output) and not mark.may_exist:
-            check_target(path, options.overwrite)
-    _command(command)(options)
-
-
-def options_of(command: str) -> type[Any]:
-    """Dataclass of a command's options; the module of the command is imported."""
-    options: type[Any] = _command(command).__annotations__["options"]
-    return options
-
-
-def _command(command: str) -> Callable[[Any], None]:
-    name = command.replace("-", "_")
-    module = next((module for module, commands in MODULES.items() if name in commands), name)
-    function: Callable[[Any], None] = getattr(import_module(f"vip_factors.cli.{module}"), f"execute_{name}")
-    return function
 
 
 def parse(options: type[Options], prog: str, words: Sequence[str]) -> Options:
@@ -261,6 +226,13 @@ def check_outputs(options: Any) -> None:
         if mark.suffix and path.suffix.lower() != mark.suffix:
             raise InputError(f"{path}: expected a name that ends in {mark.suffix}; {mark.hint}")
     keep_inputs(read, written)
+
+
+def check_existing(options: Any) -> None:
+    """Raise an :class:`InputError` for an output that exists and may not be replaced, or cannot be written."""
+    for path, mark in _marked_files(options):
+        if isinstance(mark, Output) and not mark.may_exist:
+            check_target(path, options.overwrite)
 
 
 def keep_inputs(read: Sequence[Path], written: Sequence[Path]) -> None:

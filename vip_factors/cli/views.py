@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.atomic import atomic_open, check_target
+from vip_factors.atomic import atomic_open
 from vip_factors.cli.files import open_all, open_one
 from vip_factors.cli.options import (
     RERUN_FILE,
@@ -177,16 +177,11 @@ def execute_report(options: ReportOptions) -> None:
             raise InputError(f"{options.estimate} holds no estimate: expected a file of vip-factors smooth")
         scene = opened.scene if options.recording is None else read_scene(options.recording)
         truth = None if options.truth is None else read_scene(options.truth)
-        from vip_factors.report.page import film_paths, write_report  # late: input is checked first
+        from vip_factors.report.page import write_report  # late: input is checked first
 
-        films = list[Path]()
-        if options.video is not None and scene is not None:
-            films = film_paths(out, [camera.name for camera in scene.cameras])
-            for path in films:
-                check_target(path, options.overwrite)
-            if not options.video:
-                _note_missing_videos(scene)
-        write_report(
+        if options.video == () and scene is not None:
+            _note_missing_videos(scene)
+        films = write_report(
             estimate,
             out,
             scene,

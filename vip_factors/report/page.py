@@ -18,7 +18,7 @@ import numpy as np
 from markupsafe import Markup
 
 from vip_factors import __version__
-from vip_factors.atomic import atomic_open
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
@@ -135,7 +135,7 @@ def write_report(
     *,
     video_height: int = 480,
     video_seconds: tuple[float, float] | None = None,
-) -> None:
+) -> list[Path]:
     """Write an estimate as one HTML page, with a film of each camera beside it on request.
 
     Args:
@@ -150,18 +150,24 @@ def write_report(
         video_height: of the film, pixels; 480 fill the page's width, 720 take twice as long.
         video_seconds: first and last second of the recording that the film shows; all of it if None.
 
+    Returns:
+        Files of the films.
+
     Raises:
         InputError: if they do not belong together, a file may not be written, or a film cannot be made.
         FileFormatError: if the video is none.
     """
     if not isinstance(video, bool):
         scene = with_videos(scene, [video] if isinstance(video, str | os.PathLike) else video)
-    data, films = report_data(estimate, scene, truth), list[dict[str, object]]()
+    data, films, paths = report_data(estimate, scene, truth), list[dict[str, object]](), list[Path]()
     if video:
         from vip_factors.viz.film import film
 
         cameras = [camera for camera, _, _ in data.drawn.films()]
-        paths = film_paths(path, [camera.name for camera in cameras])
+        names = [f".{name}" for name in distinct_file_names(camera.name for camera in cameras)]
+        paths = [Path(path).with_suffix(f"{name if len(cameras) > 1 else ''}.mp4") for name in names]
+        for file_path in paths:
+            check_target(file_path, overwrite)
         for number, (camera, file_path) in enumerate(zip(cameras, paths, strict=True)):
             times, rate = film(
                 data.drawn,
@@ -173,18 +179,11 @@ def write_report(
                 on_progress=progress or silent,
             )
             pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
-            shown = {"name": file_path.name, "camera": camera.name, "start": float(times[0]), "pace": pace}
-            films.append(shown)
+            films.append({"name": file_path.name, "camera": camera.name, "start": float(times[0]), "pace": pace})
     text = report_page(data, progress, films)
     with atomic_open(path, "w", overwrite) as file:
         file.write(text)
-
-
-def film_paths(page: str | os.PathLike[str], cameras: Sequence[str]) -> list[Path]:
-    """Files of the films beside a page, one for each camera."""
-    if len(cameras) == 1:
-        return [Path(page).with_suffix(".mp4")]
-    return [Path(page).with_suffix(f".{name}.mp4") for name in distinct_file_names(cameras)]
+    return paths
 
 
 def report_page(

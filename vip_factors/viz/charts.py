@@ -119,8 +119,8 @@ def svg(drawing: Figure | Axes) -> str:
     assert isinstance(figure, Figure), "axes of a part of a figure"
     file = BytesIO()
     svg_dpi = 108  # of what is drawn as pixels within: half as many again as the page has
-    style = {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}  # text stays text, a file stays itself
-    with mpl.rc_context(style):
+    # Text stays text, a file stays itself.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}):
         figure.savefig(file, format="svg", dpi=svg_dpi, metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
     return file.getvalue().decode()
 

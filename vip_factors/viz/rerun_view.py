@@ -97,7 +97,12 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     standing = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
     has_video = any(camera.video is not None for camera in drawn.cameras)
     seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and not has_video]
-    stage = Stage(standing, floor, images, seen_through, bool(shown), _towards_camera(drawn), drawn.apart)
+    # The picture of the first camera of known path shows the same side of people as the eye.
+    path = next((camera.path for camera in drawn.cameras if camera.path is not None), None)
+    ahead = None
+    if path is not None and standing:
+        ahead = horizontal(path.p_world_camera[0] - centre_path(standing)[1][0])
+    stage = Stage(standing, floor, images, seen_through, bool(shown), ahead, drawn.apart)
     panels = recorded_panels(plots, span_of(drawn))
     stream.send_blueprint(stage.blueprint(panels))
 
@@ -110,17 +115,6 @@ def span_of(drawn: DrawnScene) -> tuple[float, float]:
     if drawn.one_alone:
         times += [np.array(wearer.recording.interval) for wearer in drawn.wearers if wearer.recording is not None]
     return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
-
-
-def _towards_camera(drawn: DrawnScene) -> np.ndarray | None:
-    """Horizontal direction to the first camera of known path, whose picture shows the same side of people; None without
-    one.
-    """
-    shown = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
-    path = next((camera.path for camera in drawn.cameras if camera.path is not None), None)
-    if path is None or not shown:
-        return None
-    return horizontal(path.p_world_camera[0] - centre_path(shown)[1][0])
 
 
 def _below(*names: str) -> str:

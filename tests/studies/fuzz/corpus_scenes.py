@@ -18,7 +18,7 @@ from tests.studies.fuzz.corpus import FLOOR, written, written_motions, xsens_log
 from tests.studies.fuzz.mutations import varint
 from tests.studies.fuzz.run import Case, Files
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.cli.options import run_command
+from vip_factors.cli.main import run_command
 from vip_factors.cli.terminal import terminal_text
 from vip_factors.cli.views import file_tables
 from vip_factors.errors import FileFormatError
@@ -152,7 +152,7 @@ def _run_commands(folder: Path, lines: tuple[str, ...]) -> None:
     for line in lines:
         command, *words = line.replace("{}", str(folder)).split(" ")
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            run_command(command, f"vip-factors {command}", words)
+            run_command(command, words)
 
 
 def _content(names: str) -> Files:

@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.body_file import read_body_file, scene_with_body
-from vip_factors.io.camera_file import read_camera_file, read_camera_path
+from vip_factors.io.camera_file import CameraFile, read_camera_file, read_camera_path
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
@@ -149,8 +149,9 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     facts = video_facts(options.video) if options.video is not None else None
     rate = facts.rate if facts is not None else options.video_rate
     detections = read_detections(poses, rate, options.keypoints, options.first_frame)
-    path = _known_path(options)
-    model, focal_sigma = _lens(options, facts, detections)
+    file = read_camera_file(options.camera) if options.camera is not None else None
+    path = _known_path(options, file)
+    model, focal_sigma = (file.model, file.focal_sigma) if file is not None else _usual_lens(facts, detections)
     video = Video(options.video) if options.video is not None else None
     moving, clock = not options.static_camera, VideoClock(options.time_offset_s)
     camera = Camera(options.camera_name, model, detections, moving, None, path, clock, video, focal_sigma=focal_sigma)
@@ -175,11 +176,8 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     return camera if video is None else replace(camera, detections=with_torso_colours(camera.detections, video))
 
 
-def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detections) -> tuple[CameraModel, float]:
-    """The intrinsics, and the standard deviation of the logarithm of their focal length: 0 of a calibrated lens."""
-    if options.camera is not None:
-        file = read_camera_file(options.camera)
-        return file.model, file.focal_sigma
+def _usual_lens(facts: VideoFacts | None, detections: Detections) -> tuple[CameraModel, float]:
+    """The intrinsics of a lens without a camera file, and the standard deviation of its focal length's logarithm."""
     # The smallest usual image that holds nearly all detected points, upright ones included.
     pixels = detections.pixels[detections.seen]
     reach = np.quantile(pixels, 0.99, axis=0) if len(pixels) else np.zeros(2)
@@ -200,18 +198,17 @@ def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detectio
     return model, sigma
 
 
-def _known_path(options: CameraOptions) -> CameraPath | None:
+def _known_path(options: CameraOptions, file: CameraFile | None) -> CameraPath | None:
     if not options.known_camera_pose:
         return None
-    file = options.camera
     if file is None:
         raise InputError("the camera's pose cannot be taken as known without its camera file (camera)")
-    floor, refusal = read_camera_file(file).floor, f"{file}: its pose cannot be taken as known"
+    refusal = f"{options.camera}: its pose cannot be taken as known"
     if not options.static_camera:
         raise InputError(f"{refusal}: the camera is not declared to stand still (static_camera)")
-    if floor is None:
+    if file.floor is None:
         raise InputError(f"{refusal}: the file has no pose ([floor])")
-    return CameraPath(np.zeros(1), floor[0][None], floor[1][None])
+    return CameraPath(np.zeros(1), file.floor[0][None], file.floor[1][None])
 
 
 def _odometry(file: Path, detections: Detections) -> CameraPath:

@@ -6,7 +6,7 @@ A column may name its axis alone, ``x-axis (g)``: then its unit gives the quanti
 import os.path
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -177,8 +177,13 @@ def guess(path: Path, rate_hz: float | None = None) -> tuple[ColumnMap, Mapping[
     files_of, sensors = _sensors(path, guesses, is_named=len(files) > 1 or not path.is_file())
     columns = ColumnMap(str(path), sensors={name: sensor.entry for name, sensor in sensors.items()})
     samples = _read_rows(path, columns, tables)
-    for name, files in files_of.items():
-        sensors[name] = _with_joined_units(sensors[name], [tables[file] for file in files], samples[name])
+    for name, files in files_of.items():  # units as the quantities of several files suggest together
+        (entry, reasons), (_, time, values) = sensors[name], samples[name]
+        rate = entry.angular_rate
+        of_rate = (tables[file] for file in files if rate and rate.file and file.match(rate.file))
+        unit = next((name_of_rate_unit(table, rate) for table in of_rate), "")
+        entry, unit_reasons = with_units(entry, unit, time, values)
+        sensors[name] = Guess(entry, [*unit_reasons, *(reason for reason in reasons if reason.startswith("time: "))])
     entries = {**columns.sensors, **_agreeing({name: sensors[name].entry for name in files_of})}
     return replace(columns, sensors=entries), {name: s.reasons for name, s in sensors.items()}, list(sensors)
 
@@ -244,15 +249,6 @@ def _shortened(labels: list[str]) -> list[str]:
     return bare if len(default_sites(bare)) >= len(default_sites(labels)) else labels
 
 
-def _with_joined_units(sensor: Guess, tables: Sequence[TextTable], samples: Samples) -> Guess:
-    """The guess with units as the quantities of several files suggest together."""
-    entry, (_, time, values) = sensor.entry, samples
-    rate = entry.angular_rate
-    named = (name_of_rate_unit(table, rate) for table in tables if rate and rate.file and table.path.match(rate.file))
-    entry, reasons = with_units(entry, next(named, ""), time, values)
-    return Guess(entry, [*reasons, *(reason for reason in sensor.reasons if reason.startswith("time: "))])
-
-
 def _read_rows(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -> dict[str, Samples]:
     """Read all rows as a conversion does, for its sentences on rows and times; at any rate where none is known."""
 
@@ -285,9 +281,8 @@ def guess_columns(table: TextTable, rate_hz: float | None = None) -> dict[str, G
             sensor, quantity, axis = parsed
             named.setdefault(sensor, {}).setdefault(quantity, {}).setdefault(axis, name)
     if not named and all(axis in table.names for axis in COMPONENTS[4]) and of_file != IGNORED:
-        named = {
-            "": {"quaternion": {axis: axis for axis in COMPONENTS[4]}}
-        }  # four columns w, x, y, z and no other words
+        # Four columns w, x, y, z and no other words.
+        named = {"": {"quaternion": {axis: axis for axis in COMPONENTS[4]}}}
     clock, rates = guess_clock(table)
     if rate_hz is not None:
         clock = structs.replace(clock, time=None, rate_hz=rate_hz)

@@ -26,7 +26,6 @@ from vip_factors.settings import Settings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
-    from vip_factors.sensors.scene import Scene
     from vip_factors.tables import Table
 
 
@@ -179,8 +178,10 @@ def execute_report(options: ReportOptions) -> None:
         truth = None if options.truth is None else read_scene(options.truth)
         from vip_factors.report.page import write_report  # late: input is checked first
 
-        if options.video == () and scene is not None:
-            _note_missing_videos(scene)
+        for camera in scene.cameras if options.video == () and scene is not None else ():
+            video = camera.video
+            if video is not None and video.path is not None and not video.path.is_file() and not video.images:
+                note(f"note: no video at {video.path}: the film has a plain ground instead; --video FILM names it")
         films = write_report(
             estimate,
             out,
@@ -196,14 +197,6 @@ def execute_report(options: ReportOptions) -> None:
     for path in films:
         say(path)
     fail_on(options.fail_on, estimate.verdict)
-
-
-def _note_missing_videos(scene: "Scene") -> None:
-    """Say which of the recording's videos are not where they were."""
-    for camera in scene.cameras:
-        video = camera.video
-        if video is not None and video.path is not None and not video.path.is_file() and not video.images:
-            note(f"note: no video at {video.path}: the film has a plain ground instead; --video FILM names it")
 
 
 INSTEAD_OF_A_WINDOW = "--save FILE.rrd or --picture"

@@ -123,7 +123,7 @@ def as_json(gait: Gait) -> dict[str, Any]:
         "name": gait.name,
         "verdict": gait.verdict,
         "left_out": gait.left_out,
-        "events": {side: {**vars(events)} for side, events in gait.feet.items()},
+        "events": {side: vars(events) for side, events in gait.feet.items()},
         "strides": [vars(stride) for stride in gait.strides],
         "units": {quantity.name: quantity.unit for quantity in QUANTITIES},
         "figures": [{**vars(figure), "quantity": figure.quantity.name} for figure in gait.figures],

@@ -15,7 +15,7 @@ from vip_factors.describe.recordings import detection_rows, recording_facts
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding, verdict
 from vip_factors.geometry.rotations import Array, rotation_z
-from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
+from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -108,19 +108,15 @@ class LiveSeries:
         log_points(self._stream, UPDATE_MS, time, milliseconds)
         for index, entity in enumerate(self._parts):
             wearers = [estimate.wearers[index] for estimate in estimates]
-            sigmas = np.array([[_sigma_deg(wearer)] for wearer in wearers])
-            log_points(self._stream, f"{POSE_SIGMAS}/{entity}", time, sigmas)
+            covariances = (wearer.newest.joint_covariance for wearer in wearers)
+            variances = [
+                [np.nan if covariance is None else np.trace(covariance, axis1=-2, axis2=-1).mean() / 3]
+                for covariance in covariances
+            ]  # the mean of all joints' axes
+            log_points(self._stream, f"{POSE_SIGMAS}/{entity}", time, np.rad2deg(np.sqrt(variances)))
             calibrations = [wearers[-1].calibration.get(sensor) for sensor in self._sensors[index]]
             radians = [[np.nan if calibration is None else calibration.heading_sigma for calibration in calibrations]]
             log_points(self._stream, f"{HEADING_SIGMAS}/{entity}", time[-1:], np.rad2deg(radians))
-
-
-def _sigma_deg(wearer: LiveWearerEstimate) -> float:
-    """Root mean square standard deviation of all joints of the newest pose; NaN if unknown."""
-    covariance = wearer.newest.joint_covariance
-    if covariance is None:
-        return float("nan")
-    return float(np.rad2deg(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3)))
 
 
 SUMMARY, CENTRE = "/summary", f"{WORLD}/centre"

@@ -69,14 +69,12 @@ def vector(message: Vector3) -> Array:
     return np.array([message.x, message.y, message.z])
 
 
-def rotation_message(R: Array) -> QuaternionWxyz:
-    """A message of one rotation matrix."""
+def _rotation_message(R: Array) -> QuaternionWxyz:
     w, x, y, z = quaternion_from_matrix(R, Order.WXYZ).tolist()
     return QuaternionWxyz(w=w, x=x, y=y, z=z)
 
 
-def rotation(message: QuaternionWxyz) -> Array:
-    """``(3, 3)`` of a message, which is refused if it is no unit quaternion (InputError)."""
+def _rotation(message: QuaternionWxyz) -> Array:
     return matrix_from_quaternion([message.w, message.x, message.y, message.z], Order.WXYZ)
 
 
@@ -125,13 +123,8 @@ class Codec(Generic[M, T]):
         shapes: Mapping[str, tuple[str, ...]] | None = None,
         decode_hook: Callable[[M, dict[str, Any]], dict[str, Any]] | None = None,
     ) -> None:
-        self.message, self.kind, self._encode_hook, self._decode_hook, self._shapes = (
-            message,
-            kind,
-            encode_hook,
-            decode_hook,
-            shapes or {},
-        )
+        self.message, self.kind, self._shapes = message, kind, shapes or {}
+        self._encode_hook, self._decode_hook = encode_hook, decode_hook
         unknown = ({*(names or {})} | {*self._shapes}) - {field.name for field in message.DESCRIPTOR.fields}
         if unknown:
             raise TypeError(f"{message.DESCRIPTOR.name} has no {', '.join(sorted(unknown))}")
@@ -191,7 +184,7 @@ class Codec(Generic[M, T]):
 
 _CONVERTERS: dict[str, tuple[Convert, Convert]] = {
     Vector3.DESCRIPTOR.full_name: (vector_message, vector),
-    QuaternionWxyz.DESCRIPTOR.full_name: (rotation_message, rotation),
+    QuaternionWxyz.DESCRIPTOR.full_name: (_rotation_message, _rotation),
     Timestamp.DESCRIPTOR.full_name: (_timestamp, time_ns_of),
 }
 _INTEGERS = (
@@ -278,12 +271,7 @@ def _subject(message: subject_pb2.Subject, read: dict[str, Any]) -> dict[str, An
 
 
 SKELETON = Codec(subject_pb2.Skeleton, Skeleton, encode_hook=_joints_and_landmarks, decode_hook=_skeleton)
-Codec(
-    subject_pb2.LengthPrior,
-    LengthPrior,
-    {"lengths": "names"},
-    shapes={"covariance_m2": ("lengths", "lengths")},
-)
+Codec(subject_pb2.LengthPrior, LengthPrior, {"lengths": "names"}, shapes={"covariance_m2": ("lengths", "lengths")})
 Codec(
     subject_pb2.Hinge,
     HingeEstimate,

@@ -13,7 +13,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import CALIBRATION, NS_PER_S, Codec, set_timestamp, time_ns_of
-from vip_factors.io.mcap_frames import read_streams, sample_messages
+from vip_factors.io.mcap_frames import columns, read_streams, sample_messages
 from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, Topics, warn
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
@@ -80,9 +80,8 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
     if not poses:
         return None
     time = np.array([(time_ns_of(pose.timestamp) - start_ns) / NS_PER_S for pose in poses])
-    rows = [(pose.pose.orientation, pose.pose.position) for pose in poses]
-    xyzw, p_world_camera = ([(q.x, q.y, q.z, q.w) for q, _ in rows], np.array([(p.x, p.y, p.z) for _, p in rows]))
-    return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
+    R_world_camera = matrix_from_quaternion(columns(poses, "pose.orientation", "xyzw"), Order.XYZW)
+    return CameraPath(time, R_world_camera, columns(poses, "pose.position", "xyz"))
 
 
 def _detection_messages(detections: Detections, truth: CameraTruth | None) -> Iterator[Detections2D]:
@@ -189,13 +188,8 @@ def with_clock(message: Any, read: dict[str, Any]) -> dict[str, Any]:
     return read | {"clock": VideoClock(message.time_offset_s, message.time_drift)}
 
 
-HEAD = Codec(
-    CameraInfo,
-    Camera,
-    {"mount": "mounting", "video": "images"},
-    encode_hook=clock_fields,
-    decode_hook=with_clock,
-)
+_NAMES = {"mount": "mounting", "video": "images"}
+HEAD = Codec(CameraInfo, Camera, _NAMES, encode_hook=clock_fields, decode_hook=with_clock)
 """Everything but intrinsics, detections, samples and images."""
 TRUTH = Codec(CameraInfo, CameraTruth, encode_hook=clock_fields, decode_hook=with_clock)
 
@@ -230,12 +224,6 @@ def image_messages(writer: MessageWriter, topic: str, camera: Camera) -> Iterato
     return writer.stamped(topic, CompressedImage, times, messages)
 
 
-def video_of(message: CameraInfo.Video, images: Sequence[Any], mcap_path: Path) -> Video:
-    """The video of a message and the ``foxglove.CompressedImage`` of its embedded frames."""
-    path = mcap_path.parent / message.path if message.path else None  # an absolute path stays as it is
-    return Video(path, {int(index): image.data for index, image in zip(message.image_frames, images, strict=False)})
-
-
 def frame_times(time: Array, index: np.ndarray) -> Array:
     """Seconds of video frames by index; those after the last known one follow at the video's rate."""
     if len(time) == 0:
@@ -243,12 +231,6 @@ def frame_times(time: Array, index: np.ndarray) -> Array:
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     excess = np.maximum(index - (len(time) - 1), 0)
     return time[np.minimum(index, len(time) - 1)] + excess * step
-
-
-def _stored_path(video: Path, mcap_path: Path) -> str:
-    """Relative to the folder of the MCAP file if the video lies there, so that both can move together."""
-    folder, absolute = Path(os.path.abspath(mcap_path)).parent, Path(os.path.abspath(video))
-    return absolute.relative_to(folder).as_posix() if absolute.is_relative_to(folder) else str(absolute)
 
 
 @dataclass(frozen=True)
@@ -277,7 +259,11 @@ def camera_messages(
     """Write the messages without a time, and return those of samples and frames."""
     video = None
     if camera.video is not None:
-        stored_path = "" if camera.video.path is None else _stored_path(camera.video.path, path)
+        stored_path = ""
+        if camera.video.path is not None:  # relative to a folder that holds both, so that they can move together
+            folder, absolute = Path(os.path.abspath(path)).parent, Path(os.path.abspath(camera.video.path))
+            is_inside = absolute.is_relative_to(folder)
+            stored_path = absolute.relative_to(folder).as_posix() if is_inside else str(absolute)
         video = CameraInfo.Video(path=stored_path, image_frames=sorted(camera.video.images))
     info = camera_info_message(camera, frames=len(camera.detections.time), images=video)
     writer.write(topics("info"), info)
@@ -322,14 +308,18 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int, has_truth: 
     if len(frames) < info.frames:
         warn(path, f"camera '{info.name}': {len(frames)} of {info.frames} video frames are left")
     detections, wearer, pixels = detections_of(keypoint_set_of(info), frames)
-    images = topics.all(topic_of("image"), CompressedImage)
+    video = None
+    if info.HasField("video"):
+        video_path = path.parent / info.video.path if info.video.path else None  # an absolute path stays as it is
+        images = zip(info.video.image_frames, topics.all(topic_of("image"), CompressedImage), strict=False)
+        video = Video(video_path, {int(index): image.data for index, image in images})
     return Camera(
         model=intrinsics_of(intrinsics),
         detections=detections,
         mount=_mount_left(topics, topic_of, info, start_ns),
         known_path=path_of(topics.all(topic_of("pose"), PoseInFrame), start_ns),
         odometry=path_of(topics.all(topic_of("odometry"), PoseInFrame), start_ns),
-        video=video_of(info.video, images, path) if info.HasField("video") else None,
+        video=video,
         truth=None if not has_truth or wearer is None else _truth_of(topics, topic_of, start_ns, wearer, pixels),
         **HEAD.values(info),
     )

@@ -70,9 +70,9 @@ def _findings(estimate: WearerEstimate | Estimate) -> dict[str, Any]:
     return {"findings": sentences(estimate.findings), "finding_kinds": [finding.kind for finding in estimate.findings]}
 
 
-def _findings_of(message: EstimateInfo) -> dict[str, Any]:
+def _with_findings(message: EstimateInfo, read: dict[str, Any]) -> dict[str, Any]:
     kinds = message.finding_kinds[: len(message.findings)]
-    return {"findings": tuple(starmap(bare, zip_longest(message.findings, kinds, fillvalue=TEXT)))}
+    return read | {"findings": tuple(starmap(bare, zip_longest(message.findings, kinds, fillvalue=TEXT)))}
 
 
 def _with_clock(message: CameraEstimateInfo, read: dict[str, Any]) -> dict[str, Any]:
@@ -85,16 +85,10 @@ HEAD = Codec(
     WearerEstimate,
     {"start": "start_ns", "start_choice": "start", "motion": "motion_info"},
     encode_hook=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
-    decode_hook=lambda message, read: read | _findings_of(message),
+    decode_hook=_with_findings,
 )
 """An estimate of a wearer without its frames; the absolute time of its t = 0 and the motion's message are given."""
-SCENE_HEAD = Codec(
-    EstimateInfo,
-    Estimate,
-    {"start": "start_ns"},
-    encode_hook=_findings,
-    decode_hook=lambda message, read: read | _findings_of(message),
-)
+SCENE_HEAD = Codec(EstimateInfo, Estimate, {"start": "start_ns"}, encode_hook=_findings, decode_hook=_with_findings)
 """The scene's part of an estimate; its start and the prefixes of its wearers' topics are given."""
 CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, encode_hook=clock_fields, decode_hook=_with_clock)
 """What a camera's estimate is; how many poses and residuals there are is given."""
@@ -127,11 +121,13 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
     with naming(contents.path):
         if info is None:
             return Estimate.of_one(_wearer_of(contents))
+        cameras = [camera for prefix in _cameras(contents) if (camera := _camera(contents, prefix)) is not None]
+        labels = np.array(info.wearer_of_detection, int)  # of the first camera: earlier versions wrote them here
+        if cameras and np.any(labels >= 0):  # if all are −1, they may belong to a camera that was left out
+            cameras[0] = replace(cameras[0], wearer_of_detection=labels)
         return Estimate(
             wearers=tuple(_wearer_of(contents, prefix) for prefix in info.wearer_topics),
-            cameras=tuple(
-                _with_labels_of(info, filter(None, (_camera(contents, prefix) for prefix in _cameras(contents))))
-            ),
+            cameras=tuple(cameras),
             reports=topics.objects(SCENE_REPORT, codec.REPORT),
             **SCENE_HEAD.values(info),
         )
@@ -212,15 +208,6 @@ def _camera(contents: McapContents, prefix: str) -> CameraEstimate | None:
         residual_px=camera_residuals_of(path, info, topics.all(RESIDUALS, Residuals)),
         **CAMERA_HEAD.values(info),
     )
-
-
-def _with_labels_of(info: EstimateInfo, cameras: Iterable[CameraEstimate]) -> Iterator[CameraEstimate]:
-    """The cameras; the first one has the scene's labels if an earlier version wrote them there."""
-    labels = np.array(info.wearer_of_detection, int)
-    for number, camera in enumerate(cameras):
-        # If all are −1, they may belong to a camera that was left out.
-        has_labels = number == 0 and bool((labels >= 0).any())
-        yield replace(camera, wearer_of_detection=labels) if has_labels else camera
 
 
 LONG_CHUNK_BYTES = 1 << 20  # of estimates in chunks of their own: the index in memory has an entry for each

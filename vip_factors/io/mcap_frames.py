@@ -36,21 +36,20 @@ REPROJECTION = "reprojection_px"  # the kind of a camera's residuals
 
 def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream) -> Iterator[TimedMessage]:
     """The samples of a stream, serialised, in the order of time."""
-    return writer.stamped(topic, ImuSample, stream.time, _samples(stream))
-
-
-def _samples(stream: ImuStream) -> Iterator[ImuSample]:
-    """Messages of all samples, in one reused object."""
-    absent: list[None] = [None] * len(stream)
     R = stream.R_inertial_sensor
-    force = absent if stream.specific_force is None else stream.specific_force.tolist()
-    wxyz = absent if R is None else quaternion_from_matrix(R, Order.WXYZ).tolist()
-    rate = absent if stream.angular_rate is None else stream.angular_rate.tolist()
-    message = ImuSample(sensor=stream.name)
-    for seconds, f, q, w in zip(stream.time.tolist(), force, wxyz, rate, strict=True):
-        message.seconds = seconds
-        fill_sample(message, f, q, w)
-        yield message
+    wxyz = None if R is None else quaternion_from_matrix(R, Order.WXYZ)
+    measurements = [
+        [None] * len(stream) if values is None else values.tolist()
+        for values in (stream.specific_force, wxyz, stream.angular_rate)
+    ]
+
+    def samples() -> Iterator[ImuSample]:
+        message = ImuSample(sensor=stream.name)
+        for message.seconds, *measured in zip(stream.time.tolist(), *measurements, strict=True):
+            fill_sample(message, *measured)
+            yield message
+
+    return writer.stamped(topic, ImuSample, stream.time, samples())
 
 
 def fill_sample(
@@ -85,14 +84,11 @@ def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) ->
 
 def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) -> ImuStream:
     time = np.array([sample_time(sample, start_ns) for sample in samples])
-    force = _measured(samples, "specific_force", "xyz")
-    rate = _measured(samples, "angular_rate", "xyz")
-    wxyz = _measured(samples, "orientation_wxyz", "wxyz")
-    R = None if wxyz is None else rotations_of(wxyz)
     order = np.argsort(time, kind="stable")  # other writers may log out of order
-    stream = ImuStream.from_samples(
-        name, time[order], *(None if values is None else values[order] for values in (force, R, rate))
-    )
+    samples = [samples[row] for row in order]
+    force, rate = (_measured(samples, field, "xyz") for field in ("specific_force", "angular_rate"))
+    wxyz = _measured(samples, "orientation_wxyz", "wxyz")
+    stream = ImuStream.from_samples(name, time[order], force, None if wxyz is None else rotations_of(wxyz), rate)
     if len(stream) < len(samples):
         warn(path, f"sensor '{name}': {len(samples) - len(stream)} incomplete samples are left out")
     return stream
@@ -108,10 +104,15 @@ def _measured(samples: Sequence[ImuSample], field: str, axes: str) -> Array | No
     present = np.array([sample.HasField(field) for sample in samples])
     if not present.any():
         return None
-    numbers, of = attrgetter(*axes), attrgetter(field)
-    values = np.array([numbers(of(sample)) for sample in samples])
+    values = columns(samples, field, axes)
     values[~present] = np.nan
     return values
+
+
+def columns(messages: Iterable[Any], field: str, axes: str) -> Array:
+    """``(N, axes)``: the numbers of a field of each message, zero where it lacks the field."""
+    numbers = attrgetter(*(f"{field}.{axis}" for axis in axes))
+    return np.array([numbers(message) for message in messages], float).reshape(-1, len(axes))
 
 
 def pose_messages(
@@ -144,10 +145,9 @@ def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[
     poses = _held_over_gaps(path, info, poses)
     frames = len(poses)
     wxyz = _rows("joint rotations", [pose.joint_rotations_wxyz for pose in poses], (JOINT_COUNT, 4))
-    root = [(pose.p_world_pelvis.x, pose.p_world_pelvis.y, pose.p_world_pelvis.z) for pose in poses]
     motion = Motion(
         R_parent_child=matrix_from_quaternion(wxyz, Order.WXYZ),
-        p_world_pelvis=np.array(root, float).reshape(-1, 3),
+        p_world_pelvis=columns(poses, "p_world_pelvis", "xyz"),
         **MOTION.values(info),
     )
     if frames < info.frames:
@@ -240,10 +240,9 @@ def residuals_of(kinds: Iterable[str], columns: int, messages: Sequence[Residual
 
 def camera_path_of(poses: Sequence[CameraPose]) -> CameraPath:
     """The path of poses, one at least."""
-    rows = [(pose.rotation_wxyz, pose.p_world_camera) for pose in poses]
-    R_world_camera = matrix_from_quaternion([(q.w, q.x, q.y, q.z) for q, _ in rows], Order.WXYZ)
+    R_world_camera = matrix_from_quaternion(columns(poses, "rotation_wxyz", "wxyz"), Order.WXYZ)
     time = np.array([pose.seconds for pose in poses])
-    return CameraPath(time, R_world_camera, np.array([(p.x, p.y, p.z) for _, p in rows]))
+    return CameraPath(time, R_world_camera, columns(poses, "p_world_camera", "xyz"))
 
 
 def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence[Residuals]) -> Array | None:

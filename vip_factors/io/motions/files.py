@@ -24,15 +24,11 @@ SHIFTS = {"xposition": 0, "yposition": 1, "zposition": 2}
 
 
 @dataclass
-class _Hierarchy:
-    names: list[str] = field(default_factory=list)
-    parents: list[int] = field(default_factory=list)
-    offsets: list[list[float]] = field(default_factory=list)
-    channels: list[list[str]] = field(default_factory=list)
-
-    @property
-    def width(self) -> int:
-        return sum(map(len, self.channels))
+class _Node:
+    name: str
+    parent: int  # number of a node before, −1 for a root
+    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    channels: list[str] = field(default_factory=list)
 
 
 def read_bvh(path: str | Path) -> Motion:
@@ -56,14 +52,14 @@ def read_bvh_clip(path: str | Path) -> SourceClip:
     path = Path(path)
     lines = read_text(path, "a BVH file", most_bytes=MOST_MOTION_BYTES).splitlines()
     numbered = iter(enumerate(lines, start=1))
-    hierarchy = _parse_hierarchy(numbered, path)
-    frame_time, values = _parse_motion(lines, numbered, hierarchy.width, path)
-    offsets = np.array(hierarchy.offsets)
-    R_parent_node, p_parent_node = _local_poses(hierarchy, offsets, values)
-    R_world, p_world = source_kinematics(hierarchy.parents, p_parent_node, R_parent_node)
+    nodes = _parse_hierarchy(numbered, path)
+    frame_time, values = _parse_motion(lines, numbered, sum(len(node.channels) for node in nodes), path)
+    offsets = np.array([node.offset for node in nodes])
+    names, parents = tuple(node.name for node in nodes), tuple(node.parent for node in nodes)
+    R_parent_node, p_parent_node = _local_poses([node.channels for node in nodes], offsets, values)
+    R_world, p_world = source_kinematics(parents, p_parent_node, R_parent_node)
     upright = np.broadcast_to(np.eye(3), (1, len(offsets), 3, 3))
-    _, p_rest = source_kinematics(hierarchy.parents, offsets[None], upright)
-    names, parents = tuple(hierarchy.names), tuple(hierarchy.parents)
+    _, p_rest = source_kinematics(parents, offsets[None], upright)
     return SourceClip(names, parents, p_rest[0], R_world, p_world, _rate(frame_time), path.stem, str(path))
 
 
@@ -73,21 +69,26 @@ def _rate(frame_time: float) -> float:
     return float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate
 
 
-def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> _Hierarchy:
+def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> list[_Node]:
     """Everything before the line ``MOTION``, which is consumed."""
-    hierarchy = _Hierarchy()
+    nodes: list[_Node] = []
     stack: list[int] = []
     for number, line in numbered:
         words = line.replace("{", " { ").replace("}", " } ").split()
         while words:
             word = words.pop(0).upper()
             if word in ("ROOT", "JOINT", "END"):
-                _open_node(hierarchy, stack, word, " ".join(words).partition("{")[0].strip())
+                parent = stack[-1] if stack else -1
+                name = " ".join(words).partition("{")[0].strip()
+                if word == "END":
+                    name = f"{nodes[parent].name}/end" if parent >= 0 else "/end"
+                stack.append(len(nodes))
+                nodes.append(_Node(name, parent))
                 words = words[words.index("{") :] if "{" in words else []
-            elif word in ("OFFSET", "CHANNELS") and not hierarchy.names:
+            elif word in ("OFFSET", "CHANNELS") and not nodes:
                 raise FileFormatError(f"{path}, line {number}: {word} before the first ROOT")
             elif word == "OFFSET":
-                hierarchy.offsets[-1] = _floats(words[:3], 3, number, path)
+                nodes[-1].offset = _floats(words[:3], 3, number, path)
                 words = words[3:]
             elif word == "CHANNELS":
                 count = int(words[0]) if words and words[0].isdigit() else -1
@@ -97,31 +98,20 @@ def _parse_hierarchy(numbered: Iterator[tuple[int, str]], path: Path) -> _Hierar
                         f"{path}, line {number}: '{line.strip()}': expected CHANNELS, their number, and that many "
                         "of Xposition … Zrotation"
                     )
-                hierarchy.channels[-1] = channels
+                nodes[-1].channels = channels
                 words = words[count + 1 :]
             elif word == "}" and stack:
                 stack.pop()
             elif word == "MOTION":
-                if not hierarchy.names or stack:
+                if not nodes or stack:
                     raise FileFormatError(f"{path}, line {number}: MOTION before the hierarchy is complete")
-                return hierarchy
+                return nodes
             elif word not in ("{", "HIERARCHY"):
                 raise FileFormatError(
                     f"{path}, line {number}: '{line.strip()[:60]}': expected HIERARCHY, ROOT, JOINT, End Site, OFFSET "
                     "or CHANNELS; is this a BVH file?"
                 )
     raise FileFormatError(f"{path}: no line MOTION: this is not a BVH file, or it is cut off in its hierarchy")
-
-
-def _open_node(hierarchy: _Hierarchy, stack: list[int], word: str, name: str) -> None:
-    parent = stack[-1] if stack else -1
-    if word == "END":
-        name = f"{hierarchy.names[parent]}/end" if parent >= 0 else "/end"
-    hierarchy.names.append(name)
-    hierarchy.parents.append(parent)
-    hierarchy.offsets.append([0.0, 0.0, 0.0])
-    hierarchy.channels.append([])
-    stack.append(len(hierarchy.names) - 1)
 
 
 def _floats(words: list[str], count: int, number: int, path: Path) -> list[float]:
@@ -161,12 +151,12 @@ def _parse_motion(lines: list[str], numbered: Iterator[tuple[int, str]], width: 
     return frame_time, values
 
 
-def _local_poses(hierarchy: _Hierarchy, offsets: Array, values: Array) -> tuple[Array, Array]:
+def _local_poses(channels_of_node: list[list[str]], offsets: Array, values: Array) -> tuple[Array, Array]:
     """``R_parent_node`` ``(T, N, 3, 3)`` and ``p_parent_node`` ``(T, N, 3)``; turns are degrees, applied in order."""
     R = np.broadcast_to(np.eye(3), (len(values), len(offsets), 3, 3)).copy()
     p = np.broadcast_to(offsets, (len(values), *offsets.shape)).copy()
     column = 0
-    for node, channels in enumerate(hierarchy.channels):
+    for node, channels in enumerate(channels_of_node):
         for channel in channels:
             if channel in SHIFTS:
                 p[:, node, SHIFTS[channel]] = values[:, column]

@@ -70,6 +70,18 @@ def _table(joints: str, nodes: str) -> dict[str, str]:
     return dict(zip(joints.split(), nodes.split(), strict=True))
 
 
+def bone_names(names: BoneNames) -> tuple[str, ...]:
+    """Names of the 24 bones, in the order of the joints."""
+    if names is BoneNames.SMPL:
+        return JOINT_NAMES
+    bones, middle, limb = _BONE_NAMES[names]
+    bone_of = dict(zip(_SMPL, bones.split(), strict=True))
+    return tuple(
+        (limb if side else middle).format(bone=bone_of[kind], side=side.capitalize(), letter=side[:1])
+        for side, _, kind in (joint.rpartition("_") for joint in JOINT_NAMES)
+    )
+
+
 CGSPEED = SkeletonMap(
     "cgspeed (Daz figures)",
     _table("pelvis spine1 spine2 neck head", "hip abdomen chest neck head")
@@ -96,12 +108,7 @@ MVN = SkeletonMap(
 )
 MOTIONBUILDER = SkeletonMap(
     "MotionBuilder, Mixamo, Vicon",
-    _table(_TRUNK, "Hips Spine Spine1 Spine2 Neck Head")
-    | both_sides(
-        _table(_LIMBS, "{}UpLeg {}Leg {}Foot {}ToeBase {}Shoulder {}Arm {}ForeArm {}Hand {}HandMiddle1"),
-        "Left",
-        "Right",
-    ),
+    dict(zip(JOINT_NAMES, bone_names(BoneNames.HUMANIK), strict=True)),
     {"head_top": "Head/end"} | both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
 )
 SMPL = SkeletonMap(
@@ -223,18 +230,6 @@ def source_kinematics(parents: Sequence[int], p_parent_node: Array, R_parent_nod
         arm = np.einsum("tij,tj->ti", R_world[:, parent], p_parent_node[:, node])
         p_world[:, node] = p_world[:, parent] + arm
     return R_world, p_world
-
-
-def bone_names(names: BoneNames) -> tuple[str, ...]:
-    """Names of the 24 bones, in the order of the joints."""
-    if names is BoneNames.SMPL:
-        return JOINT_NAMES
-    bones, middle, limb = _BONE_NAMES[names]
-    bone_of = dict(zip(_SMPL, bones.split(), strict=True))
-    return tuple(
-        (limb if side else middle).format(bone=bone_of[kind], side=side.capitalize(), letter=side[:1])
-        for side, _, kind in (joint.rpartition("_") for joint in JOINT_NAMES)
-    )
 
 
 UNITY_BONES: Mapping[str, str] = {

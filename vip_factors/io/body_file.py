@@ -103,8 +103,17 @@ def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -
     lines += ["", "[correlations] # of those, row by row"]
     rows = zip(body.lengths.names, correlations, strict=True)
     lines += [f"{toml_text(name)} = {toml_text(row)}" for name, row in rows]
-    for hinge in body.hinges:
-        lines += ["", *_hinge_lines(hinge)]
+    for hinge in body.hinges:  # in degrees to four decimals
+        sigma, correlations = _correlations(hinge.covariance)
+        angle, angle_sigma = np.rad2deg([hinge.carrying_angle, hinge.carrying_sigma])
+        lines += [
+            "",
+            f"[hinges.{hinge.joint}] # carrying angle {angle:.1f} ± {angle_sigma:.1f}°",
+            f"axis = {toml_text(np.round(hinge.axis, 8))}",
+            f"offset_deg = {toml_text(np.round(np.rad2deg(hinge.variables[2:]), 4))}",
+            f"sigma_deg = {toml_text(np.round(np.rad2deg(sigma), 4))}",
+            f"correlations = {toml_text(correlations)}",
+        ]
     with atomic_open(path, "w", overwrite) as file:
         file.write("\n".join(lines) + "\n")
 
@@ -189,19 +198,6 @@ def _correlations(covariance: Array) -> tuple[Array, Array]:
     """Standard deviations, and correlations to five decimals."""
     sigma = np.sqrt(np.diag(covariance))
     return sigma, np.round(covariance / np.maximum(np.outer(sigma, sigma), 1e-16), 5)
-
-
-def _hinge_lines(hinge: HingeEstimate) -> list[str]:
-    """A table of its own, in degrees to four decimals."""
-    sigma, correlations = _correlations(hinge.covariance)
-    angle, angle_sigma = np.rad2deg([hinge.carrying_angle, hinge.carrying_sigma])
-    return [
-        f"[hinges.{hinge.joint}] # carrying angle {angle:.1f} ± {angle_sigma:.1f}°",
-        f"axis = {toml_text(np.round(hinge.axis, 8))}",
-        f"offset_deg = {toml_text(np.round(np.rad2deg(hinge.variables[2:]), 4))}",
-        f"sigma_deg = {toml_text(np.round(np.rad2deg(sigma), 4))}",
-        f"correlations = {toml_text(correlations)}",
-    ]
 
 
 def _hinge_estimate(path: Path, joint: str, table: _Hinge) -> HingeEstimate:

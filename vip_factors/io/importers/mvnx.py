@@ -208,8 +208,6 @@ def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Moti
     if not np.all(is_complete) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
         raise InputError("some frames are missing")
     offsets = _offsets(document)
-    if offsets is None:
-        raise InputError("neither the segments' points nor a pose of the calibration is in the file")
     try:
         R_world_segment = matrix_from_quaternion(quaternions, Order.WXYZ)
         R_zero, convention, closure_m = _zero_pose(document, offsets, R_world_segment, positions)
@@ -237,7 +235,7 @@ def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Moti
     return motion, has_stature
 
 
-def _offsets(document: MvnxDocument) -> dict[str, Array] | None:
+def _offsets(document: MvnxDocument) -> dict[str, Array]:
     """Origin of each segment from its parent's origin, in MVN's axes in the T-pose."""
     offsets, points = {}, document.points
     for parent, child in document.joints:
@@ -251,7 +249,7 @@ def _offsets(document: MvnxDocument) -> dict[str, Array] | None:
             if pose.attributes.get("type") == kind and "position" in pose.channels:
                 p = dict(zip(document.segments, pose.channels["position"], strict=True))
                 return {child: p[child] - p[parent] for child, parent in SEGMENT_PARENTS.items()}
-    return None
+    raise InputError("neither the segments' points nor a pose of the calibration is in the file")
 
 
 def _zero_pose(

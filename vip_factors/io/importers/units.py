@@ -223,11 +223,10 @@ def _rate_unit(named: str, time: Array | None, force: Array | None, rate: Array)
     """The unit of angular rate, and the reason."""
     if named:
         return named, f"the names or units of its columns say {named}"
-    slope = None if time is None or force is None else _turning(time, force, rate)
-    if slope is not None and abs(slope) > LEAST_SLOPE:
-        return ("deg/s" if abs(slope) < DEGREES_SLOPE else "rad/s"), (
-            f"read as rad/s it turns {1 / abs(slope):.2g} times as fast as gravity's direction does"
-        )
+    slope = 0.0 if time is None or force is None else abs(_turning(time, force, rate) or 0.0)
+    if slope > LEAST_SLOPE:
+        reason = f"read as rad/s it turns {1 / slope:.2g} times as fast as gravity's direction does"
+        return "deg/s" if slope < DEGREES_SLOPE else "rad/s", reason
     fastest = float(np.nanquantile(np.abs(rate), 0.99))
     return ("deg/s" if fastest > FASTEST_BODY else "rad/s"), f"rarely above {fastest:.3g}"
 
@@ -329,8 +328,6 @@ def turning_scale(stream: ImuStream) -> float | None:
     swept = np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(stream.time)[:, None], axis=0)
     by_rate, turned = np.linalg.norm(swept[span:] - swept[:-span], axis=1), angle_between(R[1:-span], R[1 + span :])
     is_turning = turned >= max(least, float(np.quantile(turned, 0.75, method="lower")))
-    return (
-        float(np.median(turned[is_turning] / np.maximum(by_rate[is_turning], 1e-9)))
-        if np.sum(is_turning) >= fewest
-        else None
-    )
+    if np.sum(is_turning) < fewest:
+        return None
+    return float(np.median(turned[is_turning] / np.maximum(by_rate[is_turning], 1e-9)))

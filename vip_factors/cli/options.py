@@ -336,17 +336,13 @@ def _texts(module: str) -> dict[tuple[str, str], str]:
             continue
         for field, below in zip(options.body, [*options.body[1:], None], strict=True):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                texts[options.name, field.target.id] = _docstring(below) or _comment(field, lines)
+                texts[options.name, field.target.id] = _description(field, below, lines)
     return texts
 
 
-def _docstring(statement: ast.stmt | None) -> str:
-    if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
-        return " ".join(str(statement.value.value).split())
-    return ""
-
-
-def _comment(field: ast.AnnAssign, lines: list[str]) -> str:
+def _description(field: ast.AnnAssign, below: ast.stmt | None, lines: list[str]) -> str:
+    if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+        return " ".join(str(below.value.value).split())
     behind = lines[(field.end_lineno or field.lineno) - 1].encode()[field.end_col_offset :].decode().strip()
     if behind:
         return behind.lstrip("# ")

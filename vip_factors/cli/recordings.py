@@ -100,7 +100,7 @@ class DemoOptions(WritingOptions):
 
     out: Path = Path("vip_factors_demo")
     """Folder for the files."""
-    placement: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"
+    placement: PresetName = "totalcapture13"
     """Preset of sensor sites."""
     seconds: Annotated[float, Range(above=0, most=86_400)] = 12.0
     """Length of the walk, after a calibration pose of two seconds."""

@@ -31,12 +31,10 @@ class CalibrationError:
     Attributes:
         heading: radians, wrapped, the common yaw of all sensors removed.
         mounting: ``(3,)`` rad by sensor: ``R_true = R_estimated Exp(error)``, so about the sensor's axes.
-        gauge: the yaw that was removed, radians: the whole estimate may stand turned about the vertical.
     """
 
     heading: Mapping[str, float]
     mounting: Mapping[str, Array]
-    gauge: float
 
     @property
     def heading_magnitude(self) -> Array:
@@ -71,7 +69,7 @@ def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | 
     R_estimated, R_true = (np.stack([side[name].R_bone_sensor for name in sensors]) for side in (estimate, truth))
     mounting = log(transpose(R_estimated) @ R_true)
     return CalibrationError(
-        dict(zip(sensors, heading.tolist(), strict=True)), dict(zip(sensors, mounting, strict=True)), gauge
+        dict(zip(sensors, heading.tolist(), strict=True)), dict(zip(sensors, mounting, strict=True))
     )
 
 

@@ -139,7 +139,11 @@ def _repetition(signals: Signals, kind: Kind, side: Side, low: _Low, joint: str)
     names = [f"{of_side}_{angle}" for angle in PRINCIPAL[joint] for of_side in sides]
     margin = 0.2 * signals.motion.rate  # joints begin to bend before the pelvis sinks to be seen
     window = slice(max(0, int(low.start - margin)), int(np.ceil(low.end + margin)) + 1)
-    ranges = {name: _range(signals, name, window) for name in names}
+    ranges = dict[str, Measured]()
+    for name in names:  # a constant error of an angle cancels
+        values, sigmas = signals.angles.of(name)[window], signals.sigma(name)[window]
+        ends, shape = [int(np.argmin(values)), int(np.argmax(values))], shape_factor(name.rpartition("_")[0])
+        ranges[name] = Measured(float(np.ptp(values)), shape * float(np.linalg.norm(sigmas[ends])))
     bends = [f"{of_side}_{joint}_flexion" for of_side in sides]
     depth = np.mean([signals.angles.of(name)[low.turn] for name in bends])
     sigma = np.linalg.norm([signals.sigma(name)[low.turn] for name in bends]) / len(bends)
@@ -164,14 +168,6 @@ def _repetition(signals: Signals, kind: Kind, side: Side, low: _Low, joint: str)
 
 
 PRINCIPAL = {"knee": ("hip_flexion", "knee_flexion", "ankle_dorsiflexion"), "elbow": ("elbow_flexion",)}
-
-
-def _range(signals: Signals, name: str, window: slice) -> Measured:
-    """Range of an angle in a window; a constant error of the angle cancels."""
-    values, sigmas = signals.angles.of(name)[window], signals.sigma(name)[window]
-    ends = [int(np.argmin(values)), int(np.argmax(values))]
-    joint = name.rpartition("_")[0]
-    return Measured(float(np.ptp(values)), shape_factor(joint) * float(np.linalg.norm(sigmas[ends])))
 
 
 def _depth(signals: Signals, low: _Low) -> Measured:

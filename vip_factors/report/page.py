@@ -243,7 +243,10 @@ def environment() -> jinja2.Environment:
     )
     templates.globals |= {"estimates": estimates, "recordings": recordings, "gait_files": gait_files}
     templates.filters |= {
-        "as_json": _as_json,
+        # Nothing in it can end the element that holds it.
+        "as_json": lambda data: Markup(
+            json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+        ),
         "capital": lambda text: text[:1].upper() + text[1:],
         "listed": lambda words: " and ".join(filter(None, (", ".join(words[:-1]), words[-1]))),
         "png": lambda content: f"data:image/png;base64,{base64.b64encode(content).decode()}",
@@ -261,12 +264,6 @@ def _rendered(template: str, style: str, **content: object) -> str:
 def packaged(name: str) -> Markup:
     """A file of the package that goes into the page as it is."""
     return Markup((files(ROOM) / name).read_text(encoding="utf-8"))
-
-
-def _as_json(data: object) -> Markup:
-    """JSON that may stand in a page: nothing in it can end the element that holds it."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return Markup(text.replace("<", "\\u003c"))
 
 
 def waiting_page(awaits: str) -> str:

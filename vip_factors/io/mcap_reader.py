@@ -162,18 +162,17 @@ class McapPass:
     Attributes:
         contents: of the file so far.
         gathered: the messages of wanted channels, by channel id.
-        refusals: sentences about chunks that were too large.
 
     Args:
         path: of the file.
         wanted: whether the messages of a channel are kept.
+        refuses_large: whether a chunk that is too large is a FileFormatError; otherwise it counts as damage.
     """
 
-    def __init__(self, path: Path, wanted: Callable[[McapChannel], bool]) -> None:
+    def __init__(self, path: Path, wanted: Callable[[McapChannel], bool], refuses_large: bool = True) -> None:
         self.contents = McapContents(path)
         self.gathered: dict[int, McapMessages] = {}
-        self.refusals: list[str] = []
-        self._wanted, self._largest = wanted, largest_chunk()
+        self._wanted, self._refuses_large, self._largest = wanted, refuses_large, largest_chunk()
         self._schemas: dict[int, Schema] = {}
         self._nameless = 0  # messages of channels that the file never describes
 
@@ -214,8 +213,10 @@ class McapPass:
         try:
             data = chunk_data(chunk, self._largest)
         except ChunkError as error:
-            sentences = self.refusals if isinstance(error, LargeChunkError) else self.contents.damage
-            sentences.append(f"{error}: its messages are left out")
+            sentence = f"{error}: its messages are left out"
+            if self._refuses_large and isinstance(error, LargeChunkError):
+                raise FileFormatError(f"{self.contents.path}: {sentence}") from error
+            self.contents.damage.append(sentence)
             return
         for opcode, start, end in records_of(data):
             if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
@@ -258,10 +259,8 @@ class McapPass:
         return [(number, data) for _, number, data in sorted(messages_by_time, key=lambda message: message[0])]
 
     def take_complaints(self) -> list[str]:
-        """Sentences about damage and refusals since the last call."""
-        complaints = [*self.contents.damage, *self.refusals]
-        self.contents.damage.clear()
-        self.refusals.clear()
+        """Sentences about damage since the last call."""
+        complaints, self.contents.damage = self.contents.damage, []
         return complaints
 
     def _end_early(self, file: IO[bytes], position: int) -> None:
@@ -275,17 +274,11 @@ class McapPass:
         self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
 
     def close(self) -> None:
-        """Warn about the damage in a file that was read to its end; refuse a file with a chunk that is too large."""
-        self.check_size()
+        """Warn about the damage in a file that was read to its end."""
         if self._nameless:
             self.contents.damage.append(f"{self._nameless} messages belong to no channel of the file: left out")
         for sentence in self.contents.damage:
             warnings.warn(McapWarning(f"{self.contents.path}: {sentence}"), stacklevel=3)
-
-    def check_size(self) -> None:
-        """Refuse a file with a chunk that is too large (FileFormatError)."""
-        if self.refusals:
-            raise FileFormatError(f"{self.contents.path}: {self.refusals[0]}")
 
 
 def read_contents(
@@ -363,9 +356,10 @@ class McapByTime:
             needed |= {chunk.chunk_start_offset: chunk for chunk in (ends if sampled(messages.channel) else chunks)}
         try:
             _take_chunks(reading, [needed[start] for start in sorted(needed)])
+        except FileFormatError:
+            raise
         except READ_ERRORS:
             return None
-        reading.check_size()
         counts = summary.statistics.channel_message_counts
         for number, messages in reading.gathered.items():
             if sampled(messages.channel) and messages.data:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -33,7 +32,7 @@ class ExportFormat:
     """Format of an exported file.
 
     Attributes:
-        writer: ``module:function`` in this folder, a :data:`Writer`, imported by :meth:`load`.
+        writer: ``module:function`` in this folder, a :data:`Writer`, imported when it is needed.
         several: whether one file holds several wearers.
         has_times: whether it states the time of each frame, on a clock that can be chosen.
         package: required package of the extra ``export``.
@@ -43,11 +42,6 @@ class ExportFormat:
     several: bool = False
     package: str = ""
     has_times: bool = False
-
-    def load(self) -> Writer:
-        """Import the module and return its writer."""
-        module, _, function = self.writer.partition(":")
-        return cast(Writer, getattr(import_module(f"vip_factors.io.export.{module}"), function))
 
 
 FORMATS: dict[str, ExportFormat] = {
@@ -116,7 +110,8 @@ def export(
         paths = [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
     for target in paths:
         check_target(target, overwrite)
-    write = file_format.load()
+    module, _, function = file_format.writer.partition(":")
+    write: Writer = getattr(import_module(f"vip_factors.io.export.{module}"), function)
     for content, target in zip(contents, paths, strict=True):
         with atomic_path(target, overwrite) as temporary:
             write(content, temporary, settings)

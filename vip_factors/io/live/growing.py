@@ -135,7 +135,7 @@ class GrowingFileSource(LiveSource):
 
     def _messages(self, file: GrowingFile) -> Iterator[TopicMessage]:
         """The messages of a scene, until the file's data or its growth ends."""
-        reading = McapPass(self._path, self._is_wanted)
+        reading = McapPass(self._path, self._is_wanted, refuses_large=False)
         for record in reading.records(BufferedReader(file), largest_chunk()):
             for sentence in reading.take_complaints():
                 self._reporter.report("chunk", sentence)

@@ -22,7 +22,7 @@ from vip_factors.problem.variables import camera_owner
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings
-from vip_factors.stages.reporting import told_calibration
+from vip_factors.stages.reporting import calibration_with_model_errors
 
 
 @dataclass
@@ -233,7 +233,7 @@ class EstimateBuilder:
         if not self._last_calibrations:
             calibrations = self.calibrations(smoother).values()
             self._last_calibrations = [
-                told_calibration(calibration, errors, self._settings) for calibration in calibrations
+                calibration_with_model_errors(calibration, errors) for calibration in calibrations
             ]
         else:
             self._last_calibrations = [

@@ -26,9 +26,8 @@ from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import DETECTOR
 from vip_factors.sensors.calibration import Calibration as SensorCalibrations
-from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.settings import CommonSettings, Settings, flatten
+from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibrate import Calibration
 from vip_factors.stages.calibration_start import start_choice
 from vip_factors.stages.decode import (
@@ -175,7 +174,7 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
         bones = {sensor.bone for sensor in wearer.calibration.values()}
         limits = tuple(precision_findings(wearer.motion.name, bones, len(wearer.calibration), is_filmed))
         wearer = replace(wearer, findings=(*wearer.findings, *limits))
-        wearers.append(_with_model_errors(wearer, errors, settings))
+        wearers.append(_with_model_errors(wearer, errors))
         findings += limits
     return replace(estimate, wearers=tuple(wearers), findings=tuple(findings))
 
@@ -210,17 +209,15 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, is_filmed: bo
         yield Finding("limited set-up", wearer, subject=subject, words=words)
 
 
-def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:
+def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors) -> WearerEstimate:
     covariance = wearer.covariance
     if covariance is not None:
         joints = errors.joint[:, None, None] ** 2 * covariance.joints
         covariance = PoseCovariance(joints, errors.root**2 * covariance.root)
-    return replace(wearer, calibration=told_calibration(wearer.calibration, errors, settings), covariance=covariance)
+    return replace(wearer, calibration=calibration_with_model_errors(wearer.calibration, errors), covariance=covariance)
 
 
-def told_calibration(
-    calibration: SensorCalibrations, errors: ModelErrors, settings: CommonSettings
-) -> SensorCalibrations:
+def calibration_with_model_errors(calibration: SensorCalibrations, errors: ModelErrors) -> SensorCalibrations:
     """Add the models' share to the standard deviations of headings and mountings."""
     by_convention = 1.5 * GAUGE_SIGMA  # as sure is only the world's own
     sensors = list(calibration.values())
@@ -229,15 +226,7 @@ def told_calibration(
     bone_errors = errors.mounting[np.array([joint_index(sensor.bone) for sensor in sensors], int), None]
     mounting = np.hypot(np.array([sensor.mounting_sigma for sensor in sensors]).reshape(-1, 3), bone_errors)
     return {
-        name: SensorCalibration(
-            sensor.heading,
-            sensor.R_bone_sensor,
-            heading[s],
-            mounting[s],
-            sensor.heading_time,
-            sensor.heading_path,
-            sensor.bone,
-        )
+        name: replace(sensor, heading_sigma=heading[s], mounting_sigma=mounting[s])
         for s, (name, sensor) in enumerate(calibration.items())
     }
 

@@ -98,7 +98,7 @@ def smooth_chunks(
 
     def reported(chunk: Estimate) -> Estimate:
         chunk = _with_findings(chunk, pause_findings)
-        return with_model_errors(chunk, settings) if settings.model_errors else chunk
+        return with_model_errors(chunk) if settings.model_errors else chunk
 
     estimate = estimate.changed(reported)
     return replace(estimate, chunks=_in_one_thread(estimate.chunks))

@@ -47,7 +47,7 @@ def test_sensors_in_their_places_are_left_there() -> None:
 @pytest.mark.parametrize("pair", [("left_shank", "right_shank"), ("right_thigh", "right_shank")])
 def test_exchanged_sensors_are_found(pair: tuple[str, str]) -> None:
     recording = mistaken(*pair)
-    (found,) = exchanges_of(recording, Settings())
+    (found,) = exchanges_of(recording)
     assert {recording.placed[number] for number in found.sensors} == set(pair)
     assert found.nats > LEAST_NATS
 
@@ -66,7 +66,7 @@ def test_what_tells_nothing_accuses_nobody() -> None:
     """Sensors without accelerations, or without a neighbour."""
     assert exchanged_sensors([None] * 4, [(0, 1), (1, 2)]) == ()
     still = replace(legs(), imus={name: replace(one, specific_force=None) for name, one in legs().imus.items()})
-    assert exchanges_of(still, Settings()) == ()
+    assert exchanges_of(still) == ()
 
 
 @cache

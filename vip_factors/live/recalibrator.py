@@ -38,7 +38,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import LiveSettings, Settings
+from vip_factors.settings import LiveSettings
 from vip_factors.stages.accelerometers import is_sign_opposite
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.scene_solution import SceneSolution
@@ -91,19 +91,18 @@ def recalibrate(
         exchanges, in_place = list[Finding](), previous is not None and previous.in_place
         if stretch.seconds >= SETTLING_S:
             coarse = coarse.with_rivals_solved(batch, Solver(batch.solve, silent))
-            exchanges, in_place = ([], True) if in_place else _exchanges(coarse, settings)
+            exchanges, in_place = ([], True) if in_place else _exchanges(coarse)
             mirrored = [wearer.subject.name for wearer in coarse.scene.wearers if is_sign_opposite(wearer, batch)]
             exchanges += [Finding("acceleration mirrored", name) for name in mirrored]
         findings = (*unsettled_starts(coarse), *exchanges)
         return replace(start, information=information, seconds=stretch.seconds, findings=findings, in_place=in_place)
 
 
-def _exchanges(coarse: SceneSolution, settings: LiveSettings) -> tuple[list[Finding], bool]:
+def _exchanges(coarse: SceneSolution) -> tuple[list[Finding], bool]:
     """Findings about exchanged sensors, and whether every exchange is ruled out."""
-    batch = Settings(calibration=settings.calibration)
     findings, is_excluded = list[Finding](), True
     for wearer in coarse.scene.wearers:
-        exchanges = exchanges_of(wearer, batch, -LEAST_NATS)
+        exchanges = exchanges_of(wearer, -LEAST_NATS)
         likely = [exchange for exchange in exchanges if exchange.nats >= LEAST_NATS]
         findings += [exchange_finding(wearer, exchange, False, "exchange them in the placement") for exchange in likely]
         is_excluded = is_excluded and not exchanges

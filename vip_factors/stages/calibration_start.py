@@ -1,6 +1,6 @@
 """Choice of the start of headings and mountings: the search of ``initialise`` over a stretch with brisk motion."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from vip_factors.estimate import StartChoice
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, orientation_at_start
-from vip_factors.initialise.sensor_tree import sensor_tree
+from vip_factors.initialise.sensor_tree import Link, sensor_tree
 from vip_factors.initialise.start_candidates import BONE_SIGMA, START_RATE
 from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch
 from vip_factors.sensors.frames import ImuFrames, resample_streams
@@ -51,7 +51,7 @@ def search_start(
     """
     if len(frames.sensors) < 2:
         return None
-    stretch = brisk_stretch(recording, frames, settings) if stretch is None else stretch
+    stretch = brisk_stretch(recording, frames) if stretch is None else stretch
     search = start_search(recording, stretch, settings, not settings.calibration.estimate_mountings)
     declared = settings.factors.initial_pose
     R_inertial_sensor = orientation_at_start(frames, declared.seconds)
@@ -76,16 +76,8 @@ def start_search(
     """Prepare the search over a stretch of evenly spaced frames with the placed sensors of a recording."""
     sites = [recording.placement.site(name) for name in stretch.sensors]
     bones, body = [site.bone_index for site in sites], recording.subject.body()
-    links = sensor_tree(
-        bones,
-        np.stack([site.p_bone_sensor for site in sites]),
-        body,
-        load_pose_prior(),
-        load_joint_limits(),
-        BONE_SIGMA,
-    )
     prior = SensorPrior(
-        links,
+        sensor_links(recording, stretch.sensors),
         np.stack([site.R_bone_sensor for site in sites]),
         np.array([site.mounting_sigma for site in sites]),
         np.stack([_bone_axis(body, bone) for bone in bones]),
@@ -93,6 +85,14 @@ def start_search(
     )
     search, stated = StartSearch(stretch, prior, known_mountings), settings.factors.agreeing_headings.sigma_deg
     return search if stated is None else replace(search, agree_deg=stated)
+
+
+def sensor_links(recording: Recording, sensors: Sequence[str]) -> tuple[Link, ...]:
+    """Tree of some placed sensors of a recording, by their numbers."""
+    sites = [recording.placement.site(name) for name in sensors]
+    p_bone_sensor = np.stack([site.p_bone_sensor for site in sites])
+    bones, body = [site.bone_index for site in sites], recording.subject.body()
+    return sensor_tree(bones, p_bone_sensor, body, load_pose_prior(), load_joint_limits(), BONE_SIGMA)
 
 
 def _bone_axis(body: Skeleton, bone: int) -> Array:
@@ -105,7 +105,7 @@ def _bone_axis(body: Skeleton, bone: int) -> Array:
     return np.asarray(limb / np.linalg.norm(limb))
 
 
-def brisk_stretch(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> ImuFrames:
+def brisk_stretch(recording: Recording, frames: ImuFrames) -> ImuFrames:
     """Frames of the first stretch at least half as brisk as the briskest; all frames of a shorter recording."""
     seconds, rate = 30.0, START_RATE
     begin, end = float(frames.time[0]), float(frames.time[-1])

@@ -165,7 +165,7 @@ def association_cues(names: Sequence[str], association: Association) -> tuple[st
     return tuple(sentences)
 
 
-def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
+def with_model_errors(estimate: Estimate) -> Estimate:
     """Add the models' share of the standard deviations to an estimate; no earlier stage sees it."""
     is_filmed = bool(estimate.cameras)
     errors = FILMED if is_filmed else UNFILMED

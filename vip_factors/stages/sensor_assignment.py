@@ -15,7 +15,6 @@ from itertools import zip_longest
 import numpy as np
 
 from vip_factors.associate.hypothesis import CAUCHY, WearerPoints, hypotheses, keypoint_sigma, used_confidence
-from vip_factors.body.joint_priors import load_joint_limits, load_pose_prior
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import LIMBS, POSES
 from vip_factors.findings import Finding
@@ -31,8 +30,6 @@ from vip_factors.initialise.sensor_assignment import (
     spread_between,
 )
 from vip_factors.initialise.sensor_clocks import joint_signal
-from vip_factors.initialise.sensor_tree import Link, sensor_tree
-from vip_factors.initialise.start_candidates import BONE_SIGMA
 from vip_factors.initialise.start_search import Start
 from vip_factors.sensors.calibration import Placement, SensorSite, site_name
 from vip_factors.sensors.detections import Detections
@@ -42,7 +39,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
 from vip_factors.settings import Settings
-from vip_factors.stages.calibration_start import brisk_stretch
+from vip_factors.stages.calibration_start import brisk_stretch, sensor_links
 from vip_factors.stages.inertial import WearerStart, find_start, inertial_tracker
 from vip_factors.stages.pauses import interval_between_pauses
 from vip_factors.stages.solver import Solver
@@ -70,7 +67,7 @@ def with_sensors_assigned(
         last_time = min(end, start + SECONDS)
         spare = (end - last_time) / 2
         head = replace(wearer.head, imus=dict(wearer.between(start + spare, end - spare)), pauses=())
-        likely_exchanges = exchanges_of(head, settings)
+        likely_exchanges = exchanges_of(head)
         placement = exchanged(head.placement, head.placed, likely_exchanges)
         beginning = replace(head, imus=dict(wearer.between(start, last_time))) if spare else head
         filmed = settings.fusion.use_camera and source.head.camera is not None
@@ -92,11 +89,13 @@ def with_sensors_assigned(
     return source, tuple(findings), tuple(starts)
 
 
-def exchanges_of(recording: Recording, settings: Settings, least: float = LEAST_NATS) -> tuple[Exchange, ...]:
+def exchanges_of(recording: Recording, least: float = LEAST_NATS) -> tuple[Exchange, ...]:
     """Exchanges of placed sensors, by their numbers, that explain a recording better, by ``least`` nats."""
     if len(recording.placed) < 2:
         return ()
-    links = [(link.parent, link.child) for link in placed_links(recording, settings) if link.p_parent is not None]
+    links = [
+        (link.parent, link.child) for link in sensor_links(recording, recording.placed) if link.p_parent is not None
+    ]
     signals = [joint_signal(recording.imus[name]) for name in recording.placed]
     return exchanged_sensors(signals, links, least)
 
@@ -130,19 +129,6 @@ def _on_one_bone(recording: Recording) -> Iterator[Finding]:
                 numbers={"spread": float(np.rad2deg(spread))},
                 words={"pair": pair},
             )
-
-
-def placed_links(recording: Recording, settings: Settings) -> tuple[Link, ...]:
-    """The tree of a recording's placed sensors, by their numbers."""
-    sites = [recording.placement.site(name) for name in recording.placed]
-    return sensor_tree(
-        [site.bone_index for site in sites],
-        np.stack([site.p_bone_sensor for site in sites]),
-        recording.subject.body(),
-        load_pose_prior(),
-        load_joint_limits(),
-        BONE_SIGMA,
-    )
 
 
 def exchange_finding(
@@ -285,7 +271,7 @@ def against_declared(
     if not pairs or len(time) < LEAST_FRAMES:
         return None, None, None
     frames = resample_streams([recording.imus[name] for name in recording.placed], time)
-    looked = frames, brisk_stretch(recording, frames, settings)
+    looked = frames, brisk_stretch(recording, frames)
     calibration, starts = find_start(recording, frames, settings, lambda done: None, looked[1])
     if starts is None:
         return None, None, None

@@ -19,8 +19,8 @@ from vip_factors.stages.accelerometers import (
     accelerometer_corrections,
     apply_corrections,
 )
+from vip_factors.stages.calibration_start import sensor_links
 from vip_factors.stages.pauses import between_pauses
-from vip_factors.stages.sensor_assignment import placed_links
 
 
 def check_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
@@ -99,7 +99,7 @@ def sensor_corrections(
     if settings.accelerometers.check:
         corrections, findings = accelerometer_corrections(recording, settings)
     if settings.sensor_clocks.check:
-        delays, step = _delays(apply_corrections(clocks, corrections), settings)
+        delays, step = _delays(apply_corrections(clocks, corrections))
         for delay in delays:
             name = clocks.placed[delay.sensor]
             if settings.sensor_clocks.correct and delay.rival is None:
@@ -154,12 +154,12 @@ def _is_copy(frames: ImuFrames, original: int, copy: int) -> bool:
     return bool(moves and np.abs(R[:, original] - R[:, copy]).max() < rounding)
 
 
-def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:
+def _delays(recording: Recording) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:
     names = recording.placed
     if len(names) < 2:
         return (), None
     bones = [recording.placement.site(name).bone_index for name in names]
-    links, signals = placed_links(recording, settings), [joint_signal(recording.imus[name]) for name in names]
+    links, signals = sensor_links(recording, names), [joint_signal(recording.imus[name]) for name in names]
     return sensor_delays(signals, bones, links), clock_step(signals, links)
 
 

@@ -42,21 +42,14 @@ def progress_bar() -> Iterator[ProgressCallback]:
     if not sys.stderr.isatty():
         yield _progress_lines()
         return
+    from rich import progress as bars
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    title = bars.TextColumn("{task.description}", markup=False)
+    times = bars.TimeElapsedColumn(), bars.TimeRemainingColumn()
+    columns = (title, bars.BarColumn(), bars.TaskProgressColumn(), *times)
     # Results stay on standard output, which may be a pipe.
-    with Progress(
-        *columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True, redirect_stdout=False
-    ) as progress:
+    with bars.Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as progress:
         task = progress.add_task("starting", total=1.0)
 
         def update(stage: str, share: float) -> None:

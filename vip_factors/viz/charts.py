@@ -32,7 +32,6 @@ from vip_factors.sensors.calibration import SensorSite
 INK, SOFT_INK, GRID, ERROR = "#282e3a", "#66707e", "#e4e7ec", "#c44854"
 WIDTH, MARGIN, TEXT = 1600, 60, 16.0
 
-Point = tuple[float, float]
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels of the page; y goes down."""
 

@@ -3,7 +3,7 @@
 import math
 import time as clock
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -17,7 +17,6 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraEstimate, LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
-from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import camera_owner
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
@@ -25,23 +24,25 @@ from vip_factors.settings import LiveSettings
 from vip_factors.stages.reporting import calibration_with_model_errors
 
 
-@dataclass
 class AnswerFilter:
     """Filters shown frames: each is the previous one moved by the estimated motion, and drawn towards the estimate.
 
     Each new frame changes the smoother's estimate of the previous one slightly, which would show as a tremble of some
     millimetres. The filter makes up for a ``share`` of the remaining difference with each frame instead.
 
-    Attributes:
+    Args:
         share: share of the difference that each frame corrects, in (0, 1]; 1 shows the estimate itself.
         most_rad: largest correction of a frame, radians, so that a new calibration causes no jump.
         most_m: largest correction of positions, metres.
     """
 
-    share: float
-    most_rad: float = np.pi
-    most_m: float = 1e3
-    _filtered: Sequence[FrameState] = ()
+    def __init__(self, share: float, most_rad: float, most_m: float) -> None:
+        self.share, self.most_rad, self.most_m = share, most_rad, most_m
+        self._filtered: Sequence[FrameState] = ()
+
+    def restart(self) -> None:
+        """Start new sequences."""
+        self._filtered = ()
 
     def filter(
         self, previous_states: Sequence[FrameState | None], new_states: Sequence[FrameState]
@@ -106,7 +107,11 @@ class EstimateBuilder:
         self._sums: Iterator[Array | None] | None = None  # of the smoothed frame, while it is computed
         self._shared: Array | None = None
         self._next_covariance = 0  # frame
-        self._filter = self._fresh_filter()
+        corrected_m_s = 1.0  # a step a second
+        corrected_deg_s = 180.0  # a limb's brisk turn
+        rate = settings.frame_rate
+        share = min(1.0, 1 / (0.1 * rate + 1e-9))  # over 0.1 s; answers would tremble by some millimetres
+        self._filter = AnswerFilter(share, np.deg2rad(corrected_deg_s) / rate, corrected_m_s / rate)
         self._last_calibrations: list[Calibration] = []  # by wearer; sigmas change only with the covariance
 
     def add_findings(self, *findings: Finding) -> None:
@@ -132,7 +137,7 @@ class EstimateBuilder:
         numbers = smoother.numbers
         self.reset()
         self._measure(smoother, numbers[-1])
-        self._filter = self._fresh_filter()
+        self._filter.restart()
         answers = []
         for number in numbers:
             seconds = clock.perf_counter() - begin if number == numbers[-1] else 0.0
@@ -185,13 +190,6 @@ class EstimateBuilder:
             if covariance is not None:
                 self._smoothed, self._sums = covariance, None
 
-    def _fresh_filter(self) -> AnswerFilter:
-        corrected_m_s = 1.0  # a step a second
-        corrected_deg_s = 180.0  # a limb's brisk turn
-        rate = self._settings.frame_rate
-        share = min(1.0, 1 / (0.1 * rate + 1e-9))  # over 0.1 s; answers would tremble by some millimetres
-        return AnswerFilter(share, np.deg2rad(corrected_deg_s) / rate, corrected_m_s / rate)
-
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
         smoother = tracking.smoother
         numbers, time = smoother.numbers, smoother.frame(number).time
@@ -236,10 +234,13 @@ class EstimateBuilder:
                 calibration_with_model_errors(calibration, errors) for calibration in calibrations
             ]
         else:
-            self._last_calibrations = [
-                _with_current_values(calibration, state)
-                for calibration, state in zip(self._last_calibrations, smoother.shared.wearers, strict=True)
-            ]
+            # Current headings and mountings, with unchanged standard deviations.
+            for number, state in enumerate(smoother.shared.wearers):
+                sensors = self._last_calibrations[number].items()
+                values = zip(sensors, wrap_angle(state.headings).tolist(), state.R_bone_sensor, strict=True)
+                self._last_calibrations[number] = {
+                    name: replace(sensor, heading=heading, R_bone_sensor=R) for (name, sensor), heading, R in values
+                }
         return self._last_calibrations
 
     def _camera(
@@ -259,12 +260,6 @@ class EstimateBuilder:
         if self._shared is not None and len(columns):
             camera_covariance = self._shared[np.ix_(columns, columns)]
         return LiveCameraPose(time, poses.R_world_camera[0], poses.p_world_camera[0], camera_covariance)
-
-
-def _with_current_values(calibration: Calibration, state: WearerState) -> Calibration:
-    """Calibration with current headings and mountings, and unchanged standard deviations."""
-    values = zip(calibration.items(), wrap_angle(state.headings).tolist(), state.R_bone_sensor, strict=True)
-    return {name: replace(sensor, heading=heading, R_bone_sensor=R) for (name, sensor), heading, R in values}
 
 
 def _pose(state: FrameState, wearer: int, time: float, covariance: Array | None, errors: ModelErrors) -> LivePose:

@@ -70,7 +70,10 @@ class KnockDetector:
         over = ringing & (ended | (self._frames > self.RINGING_S * self._rate))
         lately = number - self._frames - self.IMPACT_S * self._rate
         is_single = np.sum(self._knock[:, None] >= lately, axis=0) < self.IMPACT
-        far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(self.MOVED_DEG)
+        # Turn of each sensor since its knock beyond that of its limb, whose rate changes evenly.
+        turn_after = self._after / np.maximum(self._quiet, 1)[:, None]
+        excess = self._net - self._frames[:, None] * (self._before + turn_after) / 2
+        far = np.linalg.norm(excess, axis=1) > np.deg2rad(self.MOVED_DEG)
         moved = np.flatnonzero(over & far & is_single & (number >= self._since))
         self._frames[over] = -1
         self._since[moved] = number + round(self.REST_S * self._rate)
@@ -96,11 +99,6 @@ class KnockDetector:
         self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
         self._last_turn[measured], self._moving = turn[measured], measured
         return ringing
-
-    def _excess(self) -> Array:
-        """Turn of each sensor since its knock, ``(S, 3)``, beyond that of its limb, whose rate changes evenly."""
-        turn_after = self._after / np.maximum(self._quiet, 1)[:, None]
-        return self._net - self._frames[:, None] * (self._before + turn_after) / 2
 
 
 class _Estimate(NamedTuple):

@@ -49,7 +49,7 @@ class Stream:
     ) -> None:
         head = setup if isinstance(setup, Scene) else Scene(setup.name, (setup,))
         self._tracker = FixedLagTracker(stream_head(head), settings, extra_factors, real_time)
-        self._on_finding = on_finding
+        self._on_finding = on_finding or (lambda _: None)
         self._pending: list[Finding] = []  # of the source, for the next answer
 
     def push(
@@ -82,7 +82,10 @@ class Stream:
         if R is not None and R.shape == (4,):
             R = rotations_of(R[None])[0]
         force, rate = (None if values is None else np.asarray(values, float) for values in (acceleration, gyroscope))
-        return self.take(ImuSample(self._carrier(wearer), sensor, time, R, force, rate))
+        names = self._tracker.head.names
+        if wearer is None and len(names) > 1:
+            raise InputError(f"a sample of a wearer without a name: the stream has {', '.join(names)}")
+        return self.take(ImuSample(wearer or names[0], sensor, time, R, force, rate))
 
     def push_poses(
         self, time: float, pixels: ArrayLike, confidence: ArrayLike | None = None, camera: str | None = None
@@ -115,9 +118,8 @@ class Stream:
             if isinstance(sample, LiveLoss):
                 self._tracker.note_loss()
             if not (isinstance(sample, LiveLoss) and sample.is_repeat):
-                finding = bare(sample.sentence)
-                self._pending.append(finding)
-                self._report(finding)
+                self._pending.append(bare(sample.sentence))
+                self._on_finding(self._pending[-1])
             return []
         self._tracker.note_behind(waited_s)
         return self._with_findings(self._tracker.push(sample))
@@ -144,20 +146,9 @@ class Stream:
         for answer in await asyncio.to_thread(self.finish):
             yield answer
 
-    def _carrier(self, wearer: str | None) -> str:
-        names = self._tracker.head.names
-        if wearer is None and len(names) > 1:
-            raise InputError(f"a sample of a wearer without a name: the stream has {', '.join(names)}")
-        return wearer or names[0]
-
-    def _report(self, *findings: Finding) -> None:
-        if self._on_finding is not None:
-            for finding in findings:
-                self._on_finding(finding)
-
     def _with_findings(self, estimates: list[LiveEstimate]) -> list[LiveEstimate]:
-        for estimate in estimates:
-            self._report(*estimate.findings)
+        for finding in (finding for estimate in estimates for finding in estimate.findings):
+            self._on_finding(finding)
         if estimates and self._pending:
             estimates[0] = replace(estimates[0], findings=(*self._pending, *estimates[0].findings))
             self._pending = []

@@ -78,10 +78,6 @@ class SolvePace:
         return [Finding("fewer frames solved", numbers=numbers)]
 
 
-def _no_poses(when: str, reason: str) -> Finding:
-    return Finding("no poses", words={"when": when, "reason": reason})
-
-
 DEFAULT = LiveSettings()
 NOT_SEEN = "no camera has shown its wearers before the next calibration was ready"
 
@@ -202,8 +198,7 @@ class FixedLagTracker:
             self._lose(f"tracking was lost at {measured.time:.1f} s ({error})")
             return []
         answer = self._estimates.of(tracking, begin + self._recalibrator.waited_s - waited)
-        oldest = tracking.smoother.numbers[0]
-        self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
+        self._remember_place(tracking)
         return [answer]
 
     def _recalibrated(self, tracking: Tracking) -> Tracking:
@@ -266,7 +261,8 @@ class FixedLagTracker:
         self._pending_start = self._before_recalibration = None
         if self._tracking is not None:
             self._earlier = self._learnt(self._tracking, self._paths[-1][1])
-            self._estimates.add_findings(_no_poses("until tracking has started again", reason))
+            words = {"when": "until tracking has started again", "reason": reason}
+            self._estimates.add_findings(Finding("no poses", words=words))
         self._tracking = None
         self._next_try = 0
 
@@ -277,8 +273,8 @@ class FixedLagTracker:
         try:
             start, tracking = self._fresh_tracking(self._earlier)
         except (RecordingError, SolveError) as error:
-            when = f"yet, tracking cannot start at {self._recent[-1].time:.1f} s"
-            self._estimates.add_findings(_no_poses(when, str(error)))
+            words = {"when": f"yet, tracking cannot start at {self._recent[-1].time:.1f} s", "reason": str(error)}
+            self._estimates.add_findings(Finding("no poses", words=words))
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
@@ -287,9 +283,13 @@ class FixedLagTracker:
         gc.freeze()  # objects so far stay: the garbage collector need not visit them during an update
         answers = self._estimates.initial_estimates(tracking, begin, self._answered + 1)
         self._paths.clear()
+        self._remember_place(tracking)
+        return answers
+
+    def _remember_place(self, tracking: Tracking) -> None:
+        """Remember the pelvises in the oldest frame of the lag."""
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
-        return answers
 
     def _report_doubts(self, start: TrackingStart) -> None:
         """Report, once, findings that twice as much data has not settled, and those that more data cannot settle."""

@@ -74,10 +74,17 @@ class Tracking:
         for frame, state in zip(start.frames, start.states, strict=True):
             self.smoother.append(frame, state)
         self.observers = self._start_observers(start)
-        self._observe_unseen(unseen)
+        sure_root = 0.04 * np.eye(3)  # m², of a wearer's position when tracking continues with a new calibration
+        belief = self._belief(self.smoother.numbers[0], np.stack([sure_root] * len(start.problem.wearers)))
+        for camera, observer in enumerate(self.observers):
+            self._observe(camera, observer, unseen, belief, revise=False)
         is_continued, standing = start.information is not None, bool(self.observers) and not start.problem.carried
-        if is_continued and standing and not self._is_anybody_seen():
-            raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
+        if is_continued and standing:
+            views = [
+                row for frame in start.frames for row in self.smoother.frame(frame.number).views if row is not None
+            ]
+            if not any(view.seen.any() for row in views for view in row):
+                raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
         for _ in range(1 if is_continued else self.START_ITERATIONS):
             self.smoother.update(begin)
@@ -129,18 +136,6 @@ class Tracking:
                 observer.remember(frame, np.array(chosen))
             observers.append(observer)
         return observers
-
-    def _observe_unseen(self, video: Sequence[VideoFrame]) -> None:
-        """Observe wearers in video of frames that are in the lag already."""
-        sure_root = 0.04 * np.eye(3)  # m², of a wearer's position when tracking continues with a new calibration
-        surely = np.stack([sure_root] * len(self.smoother.problem.wearers))
-        belief = self._belief(self.smoother.numbers[0], surely)
-        for camera, observer in enumerate(self.observers):
-            self._observe(camera, observer, video, belief, revise=False)
-
-    def _is_anybody_seen(self) -> bool:
-        frames = [self.smoother.frame(number) for number in self.smoother.numbers]
-        return any(view.seen.any() for frame in frames for views in frame.views if views is not None for view in views)
 
     def step(self, measured: LiveFrame, lag: int, root_covariance: Array, solve_every: int) -> list[Finding]:
         """Append a frame.
@@ -218,13 +213,6 @@ class Tracking:
             if self.smoother.problem.sensors[wearer][sensor] in columns:
                 self._free_sensor(wearer, sensor)
 
-    def _moved_finding(self, wearer: int, sensor: int) -> Finding:
-        """Finding about a sensor that has moved."""
-        problem = self.smoother.problem
-        self.moved.append(int(problem.sensors[wearer][sensor]))
-        name = problem.wearers[wearer].frames.sensors[sensor]
-        return Finding("sensor moved", self._head.wearers[wearer].subject.name, subject=name)
-
     def _belief(self, first_number: int, root_covariance: Array) -> Belief:
         """Current belief about the frames from a number on."""
         smoother = self.smoother
@@ -301,19 +289,23 @@ class Tracking:
 
     def _notice_slips(self) -> list[Finding]:
         """Findings about sensors that have slipped in the last seconds."""
-        smoother, newest = self.smoother, self.smoother.numbers[-1]
+        smoother, newest, problem = self.smoother, self.smoother.numbers[-1], self.smoother.problem
         if self._slips is None or newest < self._next_test + self._patience:
             return []
-        self._next_test = newest + self.COVARIANCE_EVERY
+        self._next_test, findings = newest + self.COVARIANCE_EVERY, list[Finding]()
         estimate = newest, smoother.shared_coordinates, smoother.solution.shared_covariance()
-        moved = [self._sensors[sensor_index] for sensor_index in self._slips.confirmed(*estimate)]
+        for moved in self._slips.confirmed(*estimate):
+            wearer, sensor = self._sensors[moved]
+            self.moved.append(int(problem.sensors[wearer][sensor]))
+            name, sensor_name = self._head.wearers[wearer].subject.name, problem.wearers[wearer].frames.sensors[sensor]
+            findings.append(Finding("sensor moved", name, subject=sensor_name))
         slipped = self._slips.slipped(*estimate)
         if slipped is not None:
             wearer, sensor = self._sensors[slipped]
             sensors_of_wearer = [index for index, (owner, _) in enumerate(self._sensors) if owner == wearer]
             self._slips.restart(sensors_of_wearer, newest)
             self._free_sensor(wearer, sensor)  # its data may have misled the other sensors of the wearer
-        return [self._moved_finding(*sensor) for sensor in moved]
+        return findings
 
     @property
     def _patience(self) -> int:

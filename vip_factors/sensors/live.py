@@ -104,7 +104,14 @@ def stream_head(scene: Scene) -> Scene:
         if not (wearer.placed or (wearer.placement.sites and not wearer.imus)):  # a head without samples is fine
             raise nothing_placed(wearer.name, wearer.imus)
     wearers = tuple(replace(wearer, name=scene.name, imus={}, truth=None, notes="") for wearer in scene.wearers)
-    return checked_head(Scene(scene.name, wearers, tuple(map(_camera_head, scene.cameras))))
+    cameras = list[Camera]()
+    for camera in scene.cameras:
+        mount, none = camera.mount, Detections.none(camera.keypoints)
+        if mount is not None:
+            mount = replace(mount, imu=ImuStream(mount.imu.name, np.zeros(0)))
+        parts = camera.moving, mount, camera.known_path
+        cameras.append(Camera(camera.name, camera.model, none, *parts, focal_sigma=camera.focal_sigma))
+    return checked_head(Scene(scene.name, wearers, tuple(cameras)))
 
 
 def checked_head(head: Scene) -> Scene:
@@ -126,16 +133,6 @@ def sensor_columns(head: Scene) -> list[tuple[str, str]]:
     """Carrier and name of each sensor of a stream, those of wearers first."""
     sensors = [(wearer.subject.name, site.sensor) for wearer in head.wearers for site in wearer.placement.sites]
     return sensors + [(camera.name, camera.mount.imu.name) for camera in head.cameras if camera.mount is not None]
-
-
-def _camera_head(camera: Camera) -> Camera:
-    mount = camera.mount
-    if mount is not None:
-        mount = replace(mount, imu=ImuStream(mount.imu.name, np.zeros(0)))
-    none = Detections.none(camera.detections.keypoints)
-    return Camera(
-        camera.name, camera.model, none, camera.moving, mount, camera.known_path, focal_sigma=camera.focal_sigma
-    )
 
 
 def live_samples(scene: Scene) -> Iterable[LiveSample]:

@@ -1,7 +1,7 @@
 """Recordings in several files: loggers and phones split a session into files, with gaps between them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from vip_factors.errors import InputError
 from vip_factors.sensors.imu_stream import ImuStream
@@ -53,16 +53,6 @@ class MultiFileRecording:
         return {name: one_stream(pieces) for name, pieces in streams.items() if sum(map(len, pieces)) >= LEAST_SAMPLES}
 
 
-@dataclass(frozen=True)
-class _AllSensors(RecordingInMemory):
-    """Recording whose sensors include those that are not placed."""
-
-    sensors: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sensors", tuple(self.recording.imus))
-
-
 def join_sources(recordings: Sequence[RecordingSource], sources: Sequence[str]) -> MultiFileRecording:
     """Join recordings of one session, on the clock of the earliest; ``sources`` are their names in messages.
 
@@ -99,7 +89,7 @@ def join_recordings(recordings: Sequence[Recording], sources: Sequence[str]) -> 
     Raises:
         InputError: as :func:`join_sources`.
     """
-    joined = join_sources([_AllSensors(recording) for recording in recordings], sources)
+    joined = join_sources([RecordingInMemory(recording, only_placed=False) for recording in recordings], sources)
     notes = dict.fromkeys(line for source in joined.sources for line in source.head.notes.splitlines())
     imus = joined.between(-float("inf"), float("inf"))
     return replace(joined.head, imus=imus, truth=None, notes="\n".join(notes))

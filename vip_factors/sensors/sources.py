@@ -43,9 +43,10 @@ class RecordingSource(Protocol):
 
 @dataclass(frozen=True)
 class RecordingInMemory:
-    """Recording that is held in memory."""
+    """Recording that is held in memory; with ``only_placed=False``, its sensors include those that are not placed."""
 
     recording: Recording
+    only_placed: bool = True
 
     @cached_property
     def head(self) -> Recording:
@@ -55,7 +56,7 @@ class RecordingInMemory:
     @cached_property
     def sensors(self) -> tuple[str, ...]:
         """Names of the placed sensors that have samples."""
-        return tuple(self.recording.placed)
+        return tuple(self.recording.placed if self.only_placed else self.recording.imus)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -130,19 +131,15 @@ def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], 
 def one_stream(streams: Sequence[ImuStream]) -> ImuStream:
     """Concatenate streams of one sensor."""
 
-    def together(values: Sequence[Array | None]) -> Array | None:
-        measured = [samples for samples in values if samples is not None]
+    def together(quantity: str) -> Array | None:
+        measured = [values for stream in streams if (values := getattr(stream, quantity)) is not None]
         return np.concatenate(measured) if len(measured) == len(streams) else None
 
     is_masked = any(stream.force_measured is not None for stream in streams)
-    return ImuStream(
-        streams[0].name,
-        np.concatenate([stream.time for stream in streams]),
-        together([stream.specific_force for stream in streams]),
-        together([stream.R_inertial_sensor for stream in streams]),
-        together([stream.angular_rate for stream in streams]),
-        np.concatenate([stream.force_measured_mask for stream in streams]) if is_masked else None,
-    )
+    force, R, rate = map(together, ("specific_force", "R_inertial_sensor", "angular_rate"))
+    time = np.concatenate([stream.time for stream in streams])
+    mask = np.concatenate([stream.force_measured_mask for stream in streams]) if is_masked else None
+    return ImuStream(streams[0].name, time, force, R, rate, mask)
 
 
 class SceneSource(Protocol):
@@ -184,9 +181,8 @@ class SceneInMemory:
     @cached_property
     def head(self) -> Scene:
         """Head of the scene, without its measurements."""
-        return self._scene(
-            tuple(wearer.head for wearer in self.wearers), tuple(map(without_frames, self.scene.cameras))
-        )
+        wearers, cameras = (wearer.head for wearer in self.wearers), map(without_frames, self.scene.cameras)
+        return Scene(self.scene.name, tuple(wearers), tuple(cameras))
 
     @cached_property
     def wearers(self) -> tuple[RecordingSource, ...]:
@@ -203,20 +199,17 @@ class SceneInMemory:
         """The scene within ``start <= time <= end``; with infinite limits the whole scene with its truth."""
         if start == -np.inf and end == np.inf:
             return self.scene
-        wearers = tuple(
-            replace(wearer.head, imus=wearer.between(start - MARGIN_S, end + MARGIN_S), truth=None)
-            for wearer in self.wearers
+        reach = start - MARGIN_S, end + MARGIN_S
+        wearers = tuple(replace(wearer.head, imus=wearer.between(*reach), truth=None) for wearer in self.wearers)
+        return Scene(
+            self.scene.name, wearers, tuple(camera_between(camera, start, end) for camera in self.scene.cameras)
         )
-        return self._scene(wearers, tuple(camera_between(camera, start, end) for camera in self.scene.cameras))
 
     def detected(self, start: float, end: float, camera: str) -> int:
         """Number of detections in ``start <= time < end``."""
         filmed = next(candidate for candidate in self.scene.cameras if candidate.name == camera)
         time = filmed.timed_detections.time[filmed.detections.frame]
         return int(np.count_nonzero((time >= start) & (time < end)))
-
-    def _scene(self, wearers: tuple[Recording, ...], cameras: tuple[Camera, ...]) -> Scene:
-        return Scene(self.scene.name, wearers, cameras)
 
 
 @dataclass(frozen=True)
@@ -233,7 +226,9 @@ class UnfilmedSource(SceneInMemory):
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
         """Measurements with ``start <= time <= end``."""
         reach = start - MARGIN_S, end + MARGIN_S
-        return self._scene(tuple(replace(wearer.head, imus=wearer.between(*reach)) for wearer in self.wearers), ())
+        return Scene(
+            self.scene.name, tuple(replace(wearer.head, imus=wearer.between(*reach)) for wearer in self.wearers)
+        )
 
     def detected(self, start: float, end: float, camera: str) -> int:
         """Number of detections, which is zero."""

@@ -93,7 +93,7 @@ class SceneFile(UnfilmedSource):
                 self._camera(camera, camera_topics, Topics(contents), start, end)
                 for camera, camera_topics in zip(self.scene.cameras, self.topics, strict=True)
             )
-        return self._scene(wearers, cameras)
+        return Scene(self.scene.name, wearers, cameras)
 
     def detected(self, start: float, end: float, camera: str) -> int:
         """Number of a camera's detections in ``start <= time < end``."""

@@ -1,7 +1,7 @@
 """Sources of recordings and scenes: memory, or files that are read by time because they exceed memory."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -46,7 +46,7 @@ class RecordingInMemory:
     """Recording that is held in memory; with ``only_placed=False``, its sensors include those that are not placed."""
 
     recording: Recording
-    only_placed: bool = True
+    only_placed: bool = field(default=True, kw_only=True)
 
     @cached_property
     def head(self) -> Recording:

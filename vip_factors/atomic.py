@@ -34,7 +34,8 @@ def atomic_path(path: str | os.PathLike[str], overwrite: bool = False) -> Iterat
     try:
         with naming_file(path, temporary):
             yield temporary
-            _flush_to_disk(temporary)
+            with open(temporary, "rb+") as file:  # otherwise a power cut can leave the new name with no content
+                os.fsync(file.fileno())
             if not overwrite:
                 check_target(path, overwrite)  # another program may have written it meanwhile
             os.replace(temporary, target)
@@ -120,9 +121,3 @@ def partial_file(path: Path, overwrite: bool) -> Iterator[Path]:
     partial = check_partial(path, overwrite)
     yield partial
     os.replace(partial, path)
-
-
-def _flush_to_disk(path: Path) -> None:
-    # Without it a power cut soon after the rename can leave the new name with no content.
-    with open(path, "rb+") as file:
-        os.fsync(file.fileno())

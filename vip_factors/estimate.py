@@ -447,15 +447,13 @@ def _package(name: str) -> Any:
 
 
 def _position_columns(wearer: WearerEstimate, errors: ModelErrors) -> dict[str, Array]:
-    p = wearer.positions()
-    columns = {f"{name}_{axis}_m": p[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")}
+    p, places = wearer.positions(), list(np.ndindex(len(JOINT_NAMES), 3))
+    columns = {f"{JOINT_NAMES[j]}_{'xyz'[k]}_m": p[:, j, k] for j, k in places}
     if wearer.covariance is not None:
         root = np.diagonal(wearer.covariance.root, axis1=1, axis2=2)[:, None]
         bones = {calibration.bone for calibration in wearer.calibration.values()}
         sigma = np.sqrt(root + errors.positions(bones)[:, None] ** 2)
-        columns |= {
-            f"{name}_{axis}_sd_m": sigma[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")
-        }
+        columns |= {f"{JOINT_NAMES[j]}_{'xyz'[k]}_sd_m": sigma[:, j, k] for j, k in places}
     return columns
 
 

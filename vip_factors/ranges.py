@@ -32,9 +32,6 @@ class Range:
         return "a finite number" + (f", {' and '.join(words)}" if words else "")
 
 
-ANY = Range()
-POSITIVE = Range(above=0)
-NOT_NEGATIVE = Range(least=0)
 NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
@@ -85,7 +82,10 @@ def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
         if is_dataclass(value):
             check_ranges(value, f"{name}.", zero)
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            allowed = _stated(hints[field.name]) or _usual(field.default, zero)
+            default = field.default if isinstance(field.default, int | float) else 0
+            is_positive = default > 0 and not isinstance(default, bool)
+            usual = Range() if not is_positive else Range(least=0) if zero else Range(above=0)
+            allowed = _stated(hints[field.name]) or usual
             if value not in allowed:
                 raise RangeError(name, f"is {value}: expected {allowed}")
         elif isinstance(value, tuple) and not all(math.isfinite(n) for n in value if isinstance(n, float)):
@@ -97,9 +97,3 @@ def _stated(hint: Any) -> Range | None:
     if get_origin(hint) is Annotated:
         return next((one for one in hint.__metadata__ if isinstance(one, Range)), None)
     return next((found for one in get_args(hint) if (found := _stated(one)) is not None), None)
-
-
-def _usual(default: Any, zero: bool) -> Range:
-    if not isinstance(default, int | float) or isinstance(default, bool) or not default > 0:
-        return ANY
-    return NOT_NEGATIVE if zero else POSITIVE

@@ -7,7 +7,6 @@ from vip_factors.initialise.start_candidates import (
     KEPT,
     Candidates,
     about_best,
-    common_cost,
     frame_cost,
     likely_candidates,
     placed_candidates,
@@ -49,7 +48,6 @@ def test_costs_are_densities_against_no_rule_at_all() -> None:
     haar = (1 - np.cos(angles)) / np.pi * (np.pi / 1000)
     turned = rotation_y(angles)
     assert np.isclose(np.sum(haar * np.exp(-strap_cost(turned, np.eye(3), 0.3, 0.1))), 1.0, atol=0.03)
-    assert common_cost(10, 0.2) > common_cost(3, 0.2) > 0
 
 
 HEADINGS = np.array([0.0, 0.7])

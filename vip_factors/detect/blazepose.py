@@ -60,11 +60,8 @@ class Square:
 
 
 def square_of(hip: Array, top: Array) -> Square:
-    """The square around a person.
-
-    Args:
-        hip: ``(2,)`` middle of the hips.
-        top: ``(2,)`` point of the circle around the whole person, centred at the hips, in the trunk's direction.
+    """The square around a person, from the middle of the hips ``(2,)`` and a point ``(2,)`` of the circle around the
+    whole person, in the trunk's direction.
     """
     x, y = top - hip
     return Square(float(hip[0]), float(hip[1]), 2 * MARGIN * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
@@ -145,8 +142,7 @@ class DetectedPerson:
 class PersonDetector:
     """Finds people in a square part of an image.
 
-    Args:
-        model: takes ``(1, 224, 224, 3)`` in [−1, 1] and gives ``(1, 2254, 12)`` and ``(1, 2254, 1)``.
+    The model takes ``(1, 224, 224, 3)`` in [−1, 1] and gives ``(1, 2254, 12)`` and ``(1, 2254, 1)``.
     """
 
     def __init__(self, model: Model) -> None:
@@ -230,8 +226,7 @@ class PersonLandmarks:
 class LandmarkModel:
     """Finds landmarks of the one person in a square.
 
-    Args:
-        model: takes ``(1, 256, 256, 3)`` in [0, 1]; its outputs are identified by their sizes.
+    The model takes ``(1, 256, 256, 3)`` in [0, 1]; its outputs are identified by their sizes.
     """
 
     def __init__(self, model: Model) -> None:

@@ -145,12 +145,7 @@ def box_around(points: Array) -> Box:
 
 
 class OnnxPose:
-    """Top-down pose model.
-
-    Args:
-        path: the ``.onnx`` file.
-        threads: number of CPU threads.
-        keypoints: name of the keypoint set; if None, chosen by the number of keypoints.
+    """Top-down pose model of an ``.onnx`` file; its keypoint set is the named one, or chosen by their number.
 
     Raises:
         InputError: if onnxruntime is not installed, or no keypoint set has this number of keypoints.
@@ -200,11 +195,9 @@ class OnnxPose:
         return chosen
 
     def look(self, image: np.ndarray, box: Box) -> tuple[Array, Array]:
-        """Keypoints ``(K, 2)`` in pixels of the image, and confidences ``(K,)``.
+        """Keypoints ``(K, 2)`` of the person in a box of an image ``(height, width, 3)``, and confidences ``(K,)``.
 
-        Args:
-            image: ``(height, width, 3)``, red first, bytes.
-            box: the person's box.
+        The image has bytes, red first; keypoints are in its pixels.
         """
         import cv2
 

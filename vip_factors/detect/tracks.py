@@ -91,12 +91,7 @@ class Tracker:
         self.given_up: set[int] = set()  # numbers of tracks that turned out to show no person
 
     def step(self, image: np.ndarray, time: float) -> list[Track]:
-        """Track all people into the next frame.
-
-        Args:
-            image: ``(height, width, 3)``, red first, bytes.
-            time: seconds, increasing.
-        """
+        """Track all people into the next frame ``(height, width, 3)``, red first, bytes; at increasing seconds."""
         lost_s = 1.0  # for which a lost person keeps the track's number, if found near the same place
         previous_tracks, self._tracks = self._tracks, []
         for track in previous_tracks:

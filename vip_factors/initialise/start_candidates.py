@@ -53,11 +53,6 @@ def frame_cost(headings: Array, common: float | Array, sigma: float, strange: fl
     return -np.log((1 - strange) * density * np.exp(-0.5 * (wrap_angle(headings - common) / sigma) ** 2) + strange)
 
 
-def common_cost(sensors: int, sigma: float) -> float:
-    """Cost in nats of the unknown common heading: the circle over the width of its posterior."""
-    return float(np.log(max(np.sqrt(2 * np.pi * sensors) / sigma, 1.0)))
-
-
 def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
     """Cost in nats of mountings ``(..., 3, 3)`` on a bone that is upright on average; zero for others.
 

@@ -16,7 +16,6 @@ from vip_factors.initialise.start_candidates import (
     Candidates,
     InitialisationHypothesis,
     about_best,
-    common_cost,
     declared_candidates,
     frame_cost,
     heading_candidates,
@@ -177,7 +176,8 @@ class StartSearch:
         sigma = np.deg2rad(self.agree_deg)
         common = candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False)[:, None, None]
         agreed = frame_cost(candidates.headings.T, common, sigma, 0.05)
-        agreed = agreed[..., of] + common_cost(len(counts), sigma) / len(counts)
+        # of the unknown common heading: the circle over the width of its posterior
+        agreed = agreed[..., of] + np.log(max(np.sqrt(2 * np.pi * len(counts)) / sigma, 1.0)) / len(counts)
         straps = [placed if hypothesis.straps else free for hypothesis in hypotheses]
         costs = [
             strap_costs + agreed if hypothesis.frames else strap_costs[None]

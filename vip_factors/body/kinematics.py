@@ -192,11 +192,6 @@ class Motion(Summarised):
     def frames(self, selection: slice) -> "Motion":
         """Select frames; a step in the slice lowers the rate."""
         first_frame, _, step = selection.indices(len(self))
-        return Motion(
-            self.skeleton,
-            self.R_parent_child[selection],
-            self.p_world_pelvis[selection],
-            self.rate / step,
-            self.start + first_frame / self.rate,
-            self.name,
-        )
+        R, p = self.R_parent_child[selection], self.p_world_pelvis[selection]
+        start = self.start + first_frame / self.rate
+        return Motion(self.skeleton, R, p, self.rate / step, start, self.name)

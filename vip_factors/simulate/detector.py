@@ -211,14 +211,9 @@ def detect(
     seed: int,
     bias_seed: int | None = None,
 ) -> tuple[Detections, np.ndarray, Array]:
-    """What a detector finds in the video.
+    """What a detector finds in the video, of people and a camera at its ``F`` frames; each error has its own stream.
 
-    Args:
-        people: everybody, with their poses at the video's ``F`` frames.
-        camera, model: its ``F`` poses, whose times become those of the detections, and its intrinsics.
-        keypoints, settings: the detector's set and its errors.
-        seed: of them; each kind of error draws from its own stream.
-        bias_seed: of its idea of where keypoints are on people, which is the same in all cameras; ``seed`` if None.
+    ``bias_seed`` is that of its idea of where keypoints are on people, which is the same in all cameras.
 
     Returns:
         The ``N`` detections, in random order within a frame; the person ``(N,)`` who has most keypoints of each, at

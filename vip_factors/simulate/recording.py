@@ -8,6 +8,7 @@ Random processes, one value per sample of an evenly sampled stream, and events t
 """
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -157,20 +158,12 @@ def simulate_sensor(
     is_received = received(random["packets"], count, settings.imu_rate, settings.packet_loss, settings.gap_s)
     angular_rate = rate[is_received] if settings.angular_rate else None
     stream = ImuStream(site.sensor, time[is_received], force[is_received], R_inertial_sensor[is_received], angular_rate)
-    heading_time, heading_path = _path(time, heading + drift)
-    return stream, SensorCalibration(
-        heading, R_bone_sensor, heading_time=heading_time, heading_path=heading_path, bone=site.bone
-    )
-
-
-def _path(time: Array, heading: Array) -> tuple[Array, Array]:
-    """The heading over time, as a true calibration keeps it; empty if it does not drift."""
-    if not np.any(heading != heading[0]):
-        return np.zeros(0), np.zeros(0)
-    step_s = 1.0  # it drifts over minutes
-    every = max(1, round(step_s * (len(time) - 1) / (time[-1] - time[0])))
-    samples = np.unique([*range(0, len(time), every), len(time) - 1])
-    return time[samples], heading[samples]
+    samples, step_s = np.zeros(0, int), 1.0  # of the heading that the true calibration keeps: it drifts over minutes
+    if np.any(drift != drift[0]):
+        every = max(1, round(step_s * (count - 1) / (time[-1] - time[0])))
+        samples = np.unique([*range(0, count, every), count - 1])
+    calibration = SensorCalibration(heading, R_bone_sensor, bone=site.bone)
+    return stream, replace(calibration, heading_time=time[samples], heading_path=(heading + drift)[samples])
 
 
 def _ideal(

@@ -14,7 +14,7 @@ from vip_factors.errors import naming_file
 from vip_factors.estimate import Estimate
 from vip_factors.findings import Finding, sentences
 from vip_factors.io.mcap_estimate import LONG_CHUNK_BYTES, POSE, SINGLE, WEARER, EstimateWriter
-from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose_messages
+from vip_factors.io.mcap_frames import camera_pose_messages, pose_messages
 from vip_factors.io.mcap_messages import MessageWriter, TimedMessage
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
@@ -68,8 +68,7 @@ class LiveMcapSink:
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._writer = MessageWriter(self._file, setup.start_ns, LONG_CHUNK_BYTES)  # more than comes in half a second
         prefixes = wearer_topics(names, SINGLE, WEARER)
-        clock_s = setup.wearers[0].clock_s
-        self._out = EstimateWriter(self._writer, prefixes, MODEST_FRAMES, clock_s)
+        self._out = EstimateWriter(self._writer, prefixes, setup.wearers[0].clock_s)
         self._begun_cameras = set[str]()
         self._live_cameras = {
             camera.name: LIVE_CAMERA if number == 0 else f"{LIVE_CAMERAS}{camera.name.replace('/', '_')}/pose"

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import starmap, zip_longest
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -245,7 +244,7 @@ def write_estimate(
         atomic_open(path, "wb", overwrite) as file,
         MessageWriter(file, start_ns, chunk_bytes) as writer,
     ):
-        out = EstimateWriter(writer, wearer_topics(names, SINGLE, WEARER), clock_s=clock_s)
+        out = EstimateWriter(writer, wearer_topics(names, SINGLE, WEARER), clock_s)
         for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
             out.begin_wearer(index, wearer, count)
         for camera, poses, residual_frames in zip(
@@ -280,14 +279,11 @@ class EstimateWriter:
     Args:
         writer: of the file.
         prefixes: what the topics of each wearer begin with.
-        shown_frames: how many frames of a wearer viewers get as transforms of all joints, if these are few.
         clock_s: time of t = 0 on the log's own clock, seconds.
     """
 
-    def __init__(
-        self, writer: MessageWriter, prefixes: Sequence[str], shown_frames: float = inf, clock_s: float = 0.0
-    ) -> None:
-        self._writer, self._prefixes, self._clock_s, self._shown_frames = writer, prefixes, clock_s, shown_frames
+    def __init__(self, writer: MessageWriter, prefixes: Sequence[str], clock_s: float) -> None:
+        self._writer, self._prefixes, self._clock_s = writer, prefixes, clock_s
         self._wearers: dict[int, _WearerTopics] = {}
         self._cameras = list[_CameraTopics]()
 
@@ -298,7 +294,8 @@ class EstimateWriter:
 
     def begin_wearer(self, index: int, head: WearerEstimate, frames: int = 0) -> None:
         """Write what the frames of a wearer share; there will be so many of these, 0 where nobody knows yet."""
-        shown_frames = self._shown_frames if frames / shown_step(head.motion) <= MODEST_FRAMES else 0
+        most_frames = MODEST_FRAMES * shown_step(head.motion)
+        shown_frames = most_frames if frames <= most_frames else 0
         topics = _WearerTopics(self._writer, self._prefixes[index], self._clock_s, head, shown_frames)
         self._wearers[index] = topics
         topics.write_info(frames)
@@ -362,13 +359,13 @@ class EstimateWriter:
 
 @dataclass
 class _WearerTopics:
-    """One wearer's topics."""
+    """One wearer's topics; viewers get the first ``shown_frames`` as transforms of all joints."""
 
     writer: MessageWriter
     prefix: str
     clock_s: float
     head: WearerEstimate
-    shown_frames: float
+    shown_frames: int
     next_frame: int = 0
 
     def write_info(self, frames: int) -> None:

@@ -20,7 +20,7 @@ from vip_factors.io.mcap_messages import (
     naming,
     warn,
 )
-from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
+from vip_factors.io.mcap_reader import McapChannel, McapContents, read_contents
 from vip_factors.io.ros2 import is_imu
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
@@ -89,12 +89,7 @@ def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = Tru
         warn(contents.path, f"channels ignored, because they belong to no recording: {named}")
     if not readable:
         raise FileFormatError(_nothing_here(contents))
-    samples = [messages for messages in readable if is_ours(messages.channel, ImuSample)]
-    return _recording(Topics(contents, prefix), samples, has_truth)
-
-
-def _recording(topics: Topics, samples: Sequence[McapMessages], has_truth: bool) -> Recording:
-    path = topics.path
+    topics, path = Topics(contents, prefix), contents.path
     info = topics.last(INFO, RecordingInfo)
     if info is None:
         warn(path, f"there is no RecordingInfo on {INFO}: the file's name is used, without an initial pose")
@@ -107,7 +102,8 @@ def _recording(topics: Topics, samples: Sequence[McapMessages], has_truth: bool)
         warn(path, f"there is no placement on {INFO}: no sensor has a place")
         head["placement"] = Placement()
     head["initial_pose"] = head["initial_pose"] or "none"
-    head["notes"] = "\n".join([*filter(None, [head["notes"]]), *topics.contents.damage])
+    head["notes"] = "\n".join([*filter(None, [head["notes"]]), *contents.damage])
+    samples = [messages for messages in readable if is_ours(messages.channel, ImuSample)]
     truth = _truth(topics, info) if has_truth else None
     return Recording(imus=read_streams(path, samples, head["start_ns"]), truth=truth, **head)
 

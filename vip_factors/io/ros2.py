@@ -174,7 +174,10 @@ def _stream(
     if xyzw is not None and len(xyzw) > 1 and np.all(xyzw == xyzw[0]):
         xyzw = None
         notes.append(f"{name}: the orientation never changes: it was not measured, and is not used")
-    R = _rotations(xyzw)
+    R = None
+    if xyzw is not None:
+        xyzw[np.all(xyzw == 0, axis=1)] = np.nan  # some drivers send zeros for no orientation
+        R = rotations_of(xyzw, Order.XYZW) if np.any(np.all(np.isfinite(xyzw), axis=1)) else None
     if accelerometer.force is None and R is None:
         warn(path, f"topic {sensor.topic} has neither orientation nor acceleration: left out")
         return None
@@ -199,11 +202,3 @@ def _parse(data: bytes) -> tuple[int, str, tuple[float, ...]]:
     alignment = 8 if data[1] < 6 else 4
     start = 4 + -(-(end - 4) // alignment) * alignment
     return seconds * 1_000_000_000 + nanoseconds, frame_id, struct.unpack_from(f"{order}{NUMBERS}d", data, start)
-
-
-def _rotations(xyzw: Array | None) -> Array | None:
-    """Rotations; NaN for the zero quaternions that some drivers send without an orientation, None if all are."""
-    if xyzw is None:
-        return None
-    xyzw[np.all(xyzw == 0, axis=1)] = np.nan
-    return rotations_of(xyzw, Order.XYZW) if np.any(np.all(np.isfinite(xyzw), axis=1)) else None

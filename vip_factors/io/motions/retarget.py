@@ -86,8 +86,8 @@ def without_rest_frames(clip: SourceClip) -> SourceClip:
     speed = angle_between(R[0], R[1]) * clip.rate
     if from_rest.max() > REST_TOLERANCE or speed.max() < IMPOSSIBLE_SPEED:
         return clip
-    drop = max(1, round(table.settle_s * clip.rate))
-    return clip.frames(slice(min(drop, len(clip) - 1), None))
+    start = min(max(1, round(table.settle_s * clip.rate)), len(clip) - 1)
+    return replace(clip, R_world_node=clip.R_world_node[start:], p_world_node=clip.p_world_node[start:])
 
 
 def _stand_on_floor(clip: SourceClip, table: SkeletonMap) -> tuple[SourceClip, SkeletonMap]:

@@ -207,10 +207,6 @@ class SourceClip:
         """Rest position ``(3,)`` of a node."""
         return self.p_rest[self.node(name)]
 
-    def frames(self, selection: slice) -> "SourceClip":
-        """The clip at some of its frames (the step must be one)."""
-        return replace(self, R_world_node=self.R_world_node[selection], p_world_node=self.p_world_node[selection])
-
 
 def source_kinematics(parents: Sequence[int], p_parent_node: Array, R_parent_node: Array) -> tuple[Array, Array]:
     """World rotations ``(T, N, 3, 3)`` and positions ``(T, N, 3)`` of a chain of nodes.

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.atomic import atomic_open
-from vip_factors.cli.files import open_one
 from vip_factors.cli.options import UNPREFIXED, Output, WritingOptions, beside, keep_inputs
 from vip_factors.cli.terminal import note, print_tables, progress_bar, say, waiting
+from vip_factors.cli.views import open_one
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
 

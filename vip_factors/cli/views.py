@@ -1,6 +1,6 @@
-"""Commands that show what files hold: in words, as a factor graph, as a page, in Rerun or as a picture."""
+"""What files hold, and the commands that show it: in words, as a factor graph, as a page, in Rerun or as a picture."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.atomic import atomic_open
-from vip_factors.cli.files import open_all, open_one
 from vip_factors.cli.options import (
     RERUN_FILE,
     UNPREFIXED,
@@ -20,13 +19,80 @@ from vip_factors.cli.options import (
     fail_on,
 )
 from vip_factors.cli.terminal import note, print_tables, progress_bar, say
-from vip_factors.errors import InputError
+from vip_factors.errors import FileFormatError, InputError
 from vip_factors.ranges import Range
 from vip_factors.settings import Settings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
     from vip_factors.tables import Table
+
+
+@dataclass(frozen=True)
+class Opened:
+    """Contents of files that belong together; a recording is a scene of one wearer without a camera."""
+
+    scene: "Scene | None" = None
+    estimate: "Estimate | None" = None
+    motion: "Motion | None" = None
+
+    @property
+    def recording(self) -> "Recording | None":
+        """The recording, for a scene of one wearer without a camera."""
+        scene = self.scene
+        return scene.wearers[0] if scene is not None and scene.camera is None and len(scene.wearers) == 1 else None
+
+    @property
+    def is_scene(self) -> bool:
+        """Whether several wearers or a camera are among it."""
+        filmed = self.scene is not None and self.recording is None
+        return filmed or (self.estimate is not None and not self.estimate.is_plain)
+
+
+def open_all(paths: Sequence[Path]) -> Opened:
+    """Open files and put together what they hold.
+
+    Raises:
+        InputError: if two of them hold a thing of the same kind, or one is missing.
+        FileFormatError: if one holds neither a recording, an estimate nor a motion.
+    """
+    together: dict[str, Motion | Scene | Estimate] = {}
+    source: dict[str, Path] = {}
+    for path in paths:
+        opened = open_one(path)
+        for kind, content in vars(opened).items():
+            if content is None:
+                continue
+            if kind in together:
+                what = "recording" if kind == "scene" and opened.recording is not None else kind
+                raise InputError(f"{path} holds a second {what} beside that of {source[kind]}: give one of each kind")
+            together[kind], source[kind] = content, path
+    return Opened(**together)  # type: ignore[arg-type]
+
+
+def open_one(path: Path) -> Opened:
+    """Open one file, by its suffix and content."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: expected a file")
+    if path.suffix.lower() == ".mcap":
+        from vip_factors.io import mcap_estimate, mcap_recording
+        from vip_factors.io.mcap_reader import read_contents
+
+        contents = read_contents(path, lambda topic: mcap_estimate.is_read(topic) or mcap_recording.is_read(topic))
+        if not (topics := contents.topics):
+            raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
+        is_estimate = any(topic.startswith(mcap_estimate.ESTIMATE) for topic in topics)
+        is_recording = any(topic in ("/recording/info", mcap_recording.SCENE_INFO) for topic in topics)
+        scene = mcap_recording.read_scene(contents) if is_recording or not is_estimate else None
+        return Opened(scene, mcap_estimate.read_estimate(contents) if is_estimate else None)
+    from vip_factors.io.motions.files import MOTION_SUFFIXES, read_motion
+
+    if path.suffix.lower() not in MOTION_SUFFIXES:
+        suffixes = ", ".join((".mcap", *MOTION_SUFFIXES))
+        raise InputError(
+            f"{path}: expected a file that ends in {suffixes}; vip-factors convert brings sensor logs into .mcap"
+        )
+    return Opened(motion=read_motion(path))
 
 
 READ_S = 300.0  # seconds of a recording that are read: of longer ones the index tells, in a second instead of minutes

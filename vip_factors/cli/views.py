@@ -25,6 +25,10 @@ from vip_factors.settings import Settings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
+    from vip_factors.body.kinematics import Motion
+    from vip_factors.estimate import Estimate
+    from vip_factors.sensors.recording import Recording
+    from vip_factors.sensors.scene import Scene
     from vip_factors.tables import Table
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.codec import NS_PER_S, set_timestamp
-from vip_factors.io.live.messages import header_message
-from vip_factors.io.live.open import when_due
+from vip_factors.io.live_messages import header_message
+from vip_factors.io.live_open import when_due
 from vip_factors.io.mcap_frames import fill_sample
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 from vip_factors.sensors.live import LiveSample, VideoFrame, live_samples, stream_head

@@ -389,7 +389,7 @@ def stream(
         limits: limits for senders.
         extra_factors: function that makes your own GTSAM factors.
     """
-    from vip_factors.io.live.open import open_source, read_token
+    from vip_factors.io.live_open import open_source, read_token
     from vip_factors.live.stream import Stream
     from vip_factors.settings import LiveSettings
 

@@ -21,7 +21,7 @@ EXTRAS = (
 )
 
 # Modules that are imported only with an extra, and import it at once.
-NEEDING = tuple(f"vip_factors.io.{name}" for name in ("live.network", "live_server"))
+NEEDING = tuple(f"vip_factors.io.{name}" for name in ("live_network", "live_server"))
 
 
 @pytest.fixture

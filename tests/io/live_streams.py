@@ -10,9 +10,9 @@ from mcap_samples import assert_same
 from scene_samples import filmed_walk
 from websockets.sync.client import connect
 
-from vip_factors.io.live.network import WebSocketSource
-from vip_factors.io.live.open import open_source
-from vip_factors.io.live.source import LiveSource
+from vip_factors.io.live_network import WebSocketSource
+from vip_factors.io.live_open import open_source
+from vip_factors.io.live_source import LiveSource
 from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene

@@ -14,8 +14,8 @@ from mcap_samples import assert_same
 from scene_samples import camera_path, filmed_walk
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.growing import GrowingFileSource
-from vip_factors.io.live.open import open_source
+from vip_factors.io.live_growing import GrowingFileSource
+from vip_factors.io.live_open import open_source
 from vip_factors.io.mcap_frames import sample_messages
 from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import LARGEST_CHUNK

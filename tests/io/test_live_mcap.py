@@ -16,8 +16,8 @@ from live_sender import delimited, sample_message
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.findings import sentences
-from vip_factors.io.live.messages import header_message
 from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
+from vip_factors.io.live_messages import header_message
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import Topics
 from vip_factors.io.mcap_reader import McapWarning, read_contents

@@ -12,8 +12,8 @@ from scene_samples import scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.live.messages import Client, ClientError, Session, header_message, rotation_of, setup_of
-from vip_factors.io.live.open import delimited_messages, follow
+from vip_factors.io.live_messages import Client, ClientError, Session, header_message, rotation_of, setup_of
+from vip_factors.io.live_open import delimited_messages, follow
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import ImuSample, LiveItem, VideoFrame, stream_head

@@ -16,7 +16,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from vip_factors.errors import InputError
-from vip_factors.io.live import network
+from vip_factors.io import live_network as network
 from vip_factors.io.live_server import MOST_READERS, LiveServer
 from vip_factors.sensors.live import stream_head
 

@@ -12,7 +12,7 @@ from live_sender import delimited, live_messages, write_messages
 from live_streams import QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.open import RecordingSource, open_source
+from vip_factors.io.live_open import RecordingSource, open_source
 from vip_factors.io.mcap_recording import read_scene, write_recording
 
 

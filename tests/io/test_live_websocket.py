@@ -22,10 +22,10 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from vip_factors.errors import InputError
-from vip_factors.io.live import network
-from vip_factors.io.live.network import MOST_SENDERS
-from vip_factors.io.live.open import VARIABLE, open_source, read_token
-from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
+from vip_factors.io import live_network as network
+from vip_factors.io.live_network import MOST_SENDERS
+from vip_factors.io.live_open import VARIABLE, open_source, read_token
+from vip_factors.io.live_source import MOST_FINDINGS, LiveQueue
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 from vip_factors.sensors.live import LiveFinding, VideoFrame
 from vip_factors.sensors.scene import Scene
@@ -214,7 +214,7 @@ def test_findings_that_nobody_takes_are_bounded() -> None:
 
 INTERRUPTED = """
 import sys, threading
-from vip_factors.io.live.open import open_source
+from vip_factors.io.live_open import open_source
 try:
     with open_source(sys.argv[1]) as source:
         print("open", flush=True)

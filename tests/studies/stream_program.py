@@ -34,7 +34,7 @@ from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
 from vip_factors.atomic import partial_path
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.live.messages import header_message
+from vip_factors.io.live_messages import header_message
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, VideoFrame

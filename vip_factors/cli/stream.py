@@ -130,7 +130,7 @@ def _check(options: StreamOptions) -> None:
 
         check_vmc(options.vmc)
     if options.web is not None:
-        import_module("vip_factors.io.live.network")
+        import_module("vip_factors.io.live_network")
     if options.rerun or options.rerun_save is not None or options.rerun_connect is not None:
         os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a viewer that was closed, line after line
         import_module("vip_factors.viz.live_rerun")  # takes seconds, better spent before a stream begins
@@ -138,7 +138,7 @@ def _check(options: StreamOptions) -> None:
 
 def _run(options: StreamOptions, settings: LiveSettings, interrupts: Interrupts, line: StatusLine) -> "Session":
     """Track until the end; returns what was counted."""
-    from vip_factors.io.live.open import open_source, read_token
+    from vip_factors.io.live_open import open_source, read_token
 
     with ExitStack() as stack:
         token = read_token(options.token_file)

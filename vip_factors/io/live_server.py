@@ -14,9 +14,9 @@ from threading import Condition, Event, Lock
 
 import msgspec
 
-from vip_factors.io.live.network import GOING, LOCAL, ConnectionClosed, Listener, ServerConnection, cut_off
-from vip_factors.io.live.source import POLL
 from vip_factors.io.live_json import JsonObject, LiveJsonEncoder
+from vip_factors.io.live_network import GOING, LOCAL, ConnectionClosed, Listener, ServerConnection, cut_off
+from vip_factors.io.live_source import POLL
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.scene import Scene
 

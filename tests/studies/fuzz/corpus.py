@@ -52,7 +52,7 @@ from vip_factors.io.detections import read_detections, read_keypoint_offsets
 from vip_factors.io.export.animation import write_bvh
 from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.smpl import write_amass
-from vip_factors.io.live.open import read_token
+from vip_factors.io.live_open import read_token
 from vip_factors.io.motions.files import read_motion
 from vip_factors.settings import Settings, flatten
 from vip_factors.simulate.gestures import gestures

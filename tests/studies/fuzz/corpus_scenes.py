@@ -25,9 +25,9 @@ from vip_factors.errors import FileFormatError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.live.growing import GrowingFileSource
-from vip_factors.io.live.messages import Client, ClientError, Session
-from vip_factors.io.live.open import follow
+from vip_factors.io.live_growing import GrowingFileSource
+from vip_factors.io.live_messages import Client, ClientError, Session
+from vip_factors.io.live_open import follow
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import open_source

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, BinaryIO
 from urllib.parse import urlsplit
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.messages import LARGEST_MESSAGE, Client, ClientError, Session
-from vip_factors.io.live.source import PAUSE_S, POLL, LiveSource
+from vip_factors.io.live_messages import LARGEST_MESSAGE, Client, ClientError, Session
+from vip_factors.io.live_source import PAUSE_S, POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
@@ -60,7 +60,7 @@ def open_source(
     if not is_file:
         return _network(text, settings, token)
     if follow:
-        from vip_factors.io.live.growing import GrowingFileSource
+        from vip_factors.io.live_growing import GrowingFileSource
 
         return GrowingFileSource(text, settings)
     from vip_factors.io.mcap_recording import read_scene
@@ -81,7 +81,7 @@ def _network(text: str, settings: LiveSourceSettings, token: str) -> LiveSource:
             f"{text}: it names no port: expected ws://host:port; no host, or {LOCAL}, is for senders on this machine, "
             "0.0.0.0 for those in all its networks"
         )
-    from vip_factors.io.live.network import WebSocketSource
+    from vip_factors.io.live_network import WebSocketSource
 
     return WebSocketSource(host or LOCAL, port, settings, token)
 

@@ -18,8 +18,8 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.messages import LARGEST_MESSAGE, Client, ClientError, Session
-from vip_factors.io.live.source import JOIN, POLL, LiveSource
+from vip_factors.io.live_messages import LARGEST_MESSAGE, Client, ClientError, Session
+from vip_factors.io.live_source import JOIN, POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 
 try:

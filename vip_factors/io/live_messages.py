@@ -14,7 +14,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import NS_PER_S, PLACEMENT, SUBJECT, Codec, time_ns_of
-from vip_factors.io.live.source import FindingReporter, QueueItem
+from vip_factors.io.live_source import FindingReporter, QueueItem
 from vip_factors.io.mcap_camera import camera_info_message, intrinsics_message, intrinsics_of, keypoint_set_of, mount_of
 from vip_factors.io.mcap_frames import camera_path_of, camera_poses
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
@@ -33,8 +33,7 @@ WEARER = Codec(LiveWearer, Recording)
 HEADER = Codec(LiveHeader, Scene, {"start": "start_ns"})
 INITIAL_POSES = ("t-pose", "n-pose", "none")
 MOST_HELD = 4096  # samples of a sender that has not claimed the stream
-# A header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB: more is a stray length.
-LARGEST_MESSAGE = 16 * 1024 * 1024  # bytes
+LARGEST_MESSAGE = 16 << 20  # bytes: headers of ten skeletons and frames of fifty people have 30 kB
 
 
 def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:
@@ -178,8 +177,7 @@ class Session:
     """
 
     def __init__(self, put: Callable[[QueueItem], None], silence_s: float = float("inf")) -> None:
-        self.put = put
-        self._silence_s = silence_s
+        self.put, self._silence_s = put, silence_s
         self.setup: Scene | None = None
         self._described = b""
         self._lock = Lock()
@@ -306,8 +304,7 @@ class Client:
             raise ClientError(f"its header cannot be used: {error}") from error
         # Without values that may differ between two connections of one session.
         wearers = tuple(replace(wearer, start_ns=0) for wearer in setup.wearers)
-        description = header_message(replace(setup, name="", wearers=wearers))
-        self._described = description.SerializeToString(deterministic=True)
+        self._described = header_message(replace(setup, name="", wearers=wearers)).SerializeToString(deterministic=True)
         self._session.check(self._described)
         self._setup = setup
         if not self._claim_s:

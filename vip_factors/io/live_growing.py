@@ -15,8 +15,8 @@ from mcap.records import DataEnd
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import time_ns_of
-from vip_factors.io.live.messages import imu_sample_of, setup_of, video_frame_of
-from vip_factors.io.live.source import FindingReporter, LiveSource
+from vip_factors.io.live_messages import imu_sample_of, setup_of, video_frame_of
+from vip_factors.io.live_source import FindingReporter, LiveSource
 from vip_factors.io.mcap_camera import CameraTopics, path_of
 from vip_factors.io.mcap_frames import camera_poses
 from vip_factors.io.mcap_messages import PROTOBUF, is_ours, naming

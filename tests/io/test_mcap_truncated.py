@@ -23,7 +23,7 @@ from mcap_samples import walk
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.mcap_reader import LARGEST_CHUNK, MAGIC, McapContents, McapWarning, read_contents, read_summary
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.io.mcap_source import open_source
+from vip_factors.io.mcap_source import WearerFile, open_source
 
 MESSAGES = 400
 PAYLOAD = 600  # bytes, random: nothing to compress
@@ -123,6 +123,20 @@ def recording_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     path = tmp_path_factory.mktemp("whole") / "r.mcap"
     write_recording(walk(), path)
     return path.read_bytes()
+
+
+def test_a_damaged_chunk_between_whole_ones_is_reported_by_time_too(tmp_path: Path, recording_file: bytes) -> None:
+    summary = make_reader(BytesIO(recording_file)).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
+    end, file = chunk.chunk_start_offset + chunk.chunk_length, bytearray(recording_file)
+    file[end - 20 : end - 10] = bytes(10)
+    (tmp_path / "damaged.mcap").write_bytes(file)
+    (wearer,) = open_source([tmp_path / "damaged.mcap"], 0.0).wearers
+    assert isinstance(wearer, WearerFile)
+    with pytest.warns(McapWarning, match="a chunk .*left out"):
+        samples = sum(map(len, wearer.between().values()))
+    assert 0 < samples < sum(map(len, walk().imus.values()))
 
 
 @settings(max_examples=40, deadline=None)

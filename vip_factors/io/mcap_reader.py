@@ -372,7 +372,10 @@ class McapByTime:
         return cls(reading.contents, sampled, summary.chunk_indexes, summary.statistics.message_count)
 
     def between(self, start_ns: int, end_ns: int) -> McapContents:
-        """Read messages of sampled channels logged from ``start_ns`` to ``end_ns``, in file order."""
+        """Read messages of sampled channels logged from ``start_ns`` to ``end_ns``, in file order.
+
+        A damaged chunk is left out with a :class:`McapWarning`.
+        """
         reading = McapPass(self.contents.path, self.sampled)
         for messages in self.contents.messages.values():
             reading.know(messages.channel)
@@ -380,6 +383,7 @@ class McapByTime:
             chunk for chunk in self.chunks if chunk.message_start_time <= end_ns and chunk.message_end_time >= start_ns
         ]
         _take_chunks(reading, within)
+        reading.close()
         for number, messages in reading.gathered.items():
             rows = [row for row, time in enumerate(messages.log_times) if start_ns <= time <= end_ns]
             reading.contents.messages[number] = messages.rows(rows)

@@ -58,8 +58,10 @@ def retarget(clip: SourceClip) -> Motion:
         InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.
     """
     clip, table = _stand_on_floor(clip, find_map(clip.names, clip.path))
-    A = _body_from_source_axes(clip, table)
-    stature = _stature(clip, table)
+    p_rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
+    trunk = p_rest["neck"] - (p_rest["left_hip"] + p_rest["right_hip"]) / 2
+    A = _body_from_source_axes(trunk, p_rest["left_hip"] - p_rest["right_hip"], clip.path)
+    stature = _stature(p_rest, trunk)
     unit = _unit_of(stature, clip.path)
     stature *= unit
     world = rotation_x(np.pi / 2) @ A  # body axes' y, up at rest, becomes the world's z
@@ -118,29 +120,28 @@ def _nearest_axis(vector: Array) -> Array:
     return np.sign(vector) * (np.arange(3) == np.argmax(np.abs(vector)))
 
 
-def _body_from_source_axes(clip: SourceClip, table: SkeletonMap) -> Array:
-    """The signed permutation ``(3, 3)`` that takes the source's axes to ours: x left, y up, z forward."""
-    p_rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
-    up = _nearest_axis(p_rest["neck"] - (p_rest["left_hip"] + p_rest["right_hip"]) / 2)
-    left_axis = _nearest_axis(p_rest["left_hip"] - p_rest["right_hip"])
+def _body_from_source_axes(trunk: Array, hips: Array, path: str) -> Array:
+    """The signed permutation ``(3, 3)`` that takes the source's axes to ours: x left, y up, z forward.
+
+    At rest the trunk points up, and the hips' line from right to left.
+    """
+    up, left_axis = _nearest_axis(trunk), _nearest_axis(hips)
     if abs(up @ left_axis) > 0.5 or not up.any() or not left_axis.any():
         raise InputError(
-            f"{clip.path}: at rest the neck is not above the hips, or the hips are not side by side: expected a "
+            f"{path}: at rest the neck is not above the hips, or the hips are not side by side: expected a "
             "rest pose (OFFSETs) of an upright body"
         )
     return np.stack([left_axis, up, np.cross(left_axis, up)])
 
 
-def _stature(clip: SourceClip, table: SkeletonMap) -> float:
+def _stature(p_rest: dict[str, Array], trunk: Array) -> float:
     """Stature in the source's unit, from the rest lengths of legs, arms and trunk and their published proportions."""
-    p_rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
     limbs = sum(
         float(np.linalg.norm(p_rest[f"{side}_{end}"] - p_rest[f"{side}_{start}"]))
         for side in ("left", "right")
         for start, end in LIMB_LENGTHS
     )
-    trunk = float(np.linalg.norm(p_rest["neck"] - (p_rest["left_hip"] + p_rest["right_hip"]) / 2))
-    return (limbs / 2 + trunk) / (sum(LIMB_LENGTHS.values()) + TRUNK_LENGTH)
+    return (limbs / 2 + float(np.linalg.norm(trunk))) / (sum(LIMB_LENGTHS.values()) + TRUNK_LENGTH)
 
 
 def _unit_of(stature: float, path: str) -> float:

@@ -60,7 +60,7 @@ class SkeletonMap:
     directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
-def both_sides(table: Mapping[str, str], left_prefix: str, right_prefix: str) -> dict[str, str]:
+def both_sides(table: Mapping[str, str], left_prefix: str = "Left", right_prefix: str = "Right") -> dict[str, str]:
     """Entries of both sides: ``{}`` in a node's name stands for the side."""
     sides = (("left", left_prefix), ("right", right_prefix))
     return {f"{side}_{joint}": node.format(prefix) for joint, node in table.items() for side, prefix in sides}
@@ -100,16 +100,14 @@ MVN = SkeletonMap(
     "Xsens MVN",
     _table(_TRUNK, "Hips Chest Chest3 Chest4 Neck Head")
     | both_sides(
-        _table(_LIMBS.removesuffix(" hand"), "{}Hip {}Knee {}Ankle {}Toe {}Collar {}Shoulder {}Elbow {}Wrist"),
-        "Left",
-        "Right",
+        _table(_LIMBS.removesuffix(" hand"), "{}Hip {}Knee {}Ankle {}Toe {}Collar {}Shoulder {}Elbow {}Wrist")
     ),
-    {"head_top": "Head/end"} | both_sides({"toe_tip": "{}Toe/end", "fingertip": "{}Wrist/end"}, "Left", "Right"),
+    {"head_top": "Head/end"} | both_sides({"toe_tip": "{}Toe/end", "fingertip": "{}Wrist/end"}),
 )
 MOTIONBUILDER = SkeletonMap(
     "MotionBuilder, Mixamo, Vicon",
     dict(zip(JOINT_NAMES, bone_names(BoneNames.HUMANIK), strict=True)),
-    {"head_top": "Head/end"} | both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
+    {"head_top": "Head/end"} | both_sides({"toe_tip": "{}ToeBase/end"}),
 )
 SMPL = SkeletonMap(
     "SMPL",

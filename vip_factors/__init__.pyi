@@ -24,7 +24,7 @@ from .errors import VipFactorsError as VipFactorsError
 from .estimate import Estimate as Estimate
 from .factor_graph import keys as keys
 from .io.convert import ImportOptions as ImportOptions
-from .io.live.open import open_source as open_source
+from .io.live_open import open_source as open_source
 from .io.mcap_estimate import read_estimate as read_estimate
 from .io.motions.files import read_motion as read_motion
 from .io.settings import CameraOptions as CameraOptions, ExportSettings as ExportSettings

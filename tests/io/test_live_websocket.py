@@ -84,9 +84,7 @@ def test_a_bad_client_is_sent_away_with_one_line_and_the_next_is_heard(
 ) -> None:
     monkeypatch.setattr(network, "HEADER_S", 0.4)
     findings: list[LiveFinding] = []
-    source = listening()
-    source.on_finding = findings.append
-    with source:
+    with listening(on_finding=findings.append) as source:
         with connect(source.url) as client:
             for message in messages:
                 client.send(message)

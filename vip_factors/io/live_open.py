@@ -15,7 +15,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live_messages import LARGEST_MESSAGE, Client, ClientError, Session
 from vip_factors.io.live_source import PAUSE_S, POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
-from vip_factors.sensors.live import LiveSample, live_samples, stream_head
+from vip_factors.sensors.live import LiveFinding, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def open_source(
     follow: bool = False,
     real_time: bool = False,
     settings: LiveSourceSettings = DEFAULT,
+    on_finding: Callable[[LiveFinding], None] | None = None,
     token: str = "",
 ) -> LiveSource:
     """Make the source that a text names; it is a context manager.
@@ -44,6 +45,7 @@ def open_source(
         follow: whether another program still writes the file.
         real_time: whether the file is played back in its own time.
         settings: limits.
+        on_finding: gets the findings that come before the header, at once.
         token: that senders over the network must have; one is generated if other machines can connect.
 
     Raises:
@@ -55,17 +57,21 @@ def open_source(
         raise InputError(f"{text}: following and playing back in real time are for MCAP files only")
     if follow and real_time:
         raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
+    source: LiveSource
     if text == "-":
-        return StandardInputSource(settings)
-    if not is_file:
-        return _network(text, settings, token)
-    if follow:
+        source = StandardInputSource(settings)
+    elif not is_file:
+        source = _network(text, settings, token)
+    elif follow:
         from vip_factors.io.live_growing import GrowingFileSource
 
-        return GrowingFileSource(text, settings)
-    from vip_factors.io.mcap_recording import read_scene
+        source = GrowingFileSource(text, settings)
+    else:
+        from vip_factors.io.mcap_recording import read_scene
 
-    return RecordingSource(read_scene(text), real_time, settings)
+        source = RecordingSource(read_scene(text), real_time, settings)
+    source.on_finding = on_finding
+    return source
 
 
 def _network(text: str, settings: LiveSourceSettings, token: str) -> LiveSource:

@@ -1,7 +1,7 @@
 """Body prior: lengths of the body are likely for the subject's stature, sex, mass and measured lengths.
 
 ``r = L_b (s − s₀)``, whitened changes of lengths under a Gaussian over bodies; linear. The Gaussian is the subject's
-(:class:`~vip_factors.body.variation.BodyVariation`), ``factors.length_scale`` times as wide as its table's.
+(:class:`~vip_factors.body.lengths.BodyVariation`), ``factors.length_scale`` times as wide as its table's.
 """
 
 from collections.abc import Iterator

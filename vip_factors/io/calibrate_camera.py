@@ -21,23 +21,35 @@ LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 200
 
 @dataclass(frozen=True)
 class BoardView:
-    """Corners of a board in one image."""
+    """Corners of a board in one image.
 
-    name: str  # of the image, for people
-    points_board: Array  # (n, 3) metres in the board's frame (x along its columns, y along its rows, z = 0)
-    pixels: Array  # (n, 2)
-    outline: Array  # (4, 2) pixels of the outermost corners, in order around the board
-    sharpness: float  # larger is sharper; comparable between images of the same board
+    Attributes:
+        name: of the image, for people.
+        points_board: ``(n, 3)`` metres in the board's frame (x along its columns, y along its rows, z = 0).
+        pixels: ``(n, 2)``.
+        outline: ``(4, 2)`` pixels of the outermost corners, in order around the board.
+        sharpness: larger is sharper; comparable between images of the same board.
+    """
+
+    name: str
+    points_board: Array
+    pixels: Array
+    outline: Array
+    sharpness: float
 
 
 @dataclass(frozen=True)
 class Checkerboard:
-    """Black and white squares."""
+    """Black and white squares.
 
-    # columns, rows: numbers of inner corners: one less than squares
+    Attributes:
+        columns, rows: numbers of *inner* corners: one less than squares.
+        square_m: side of a square in metres.
+    """
+
     columns: int
     rows: int
-    square_m: float = 1.0  # side of a square in metres
+    square_m: float = 1.0
 
     def __post_init__(self) -> None:
         sides = sorted((self.columns, self.rows))
@@ -88,16 +100,26 @@ def _grid(columns: int, rows: int, square_m: float) -> Array:
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """Intrinsics with their uncertainty."""
+    """Intrinsics with their uncertainty.
 
-    model: CameraModel  # the intrinsics
-    sigma: Array  # standard deviations of fx, fy, cx, cy in pixels, (4,); the distortion's, (D,)
+    Attributes:
+        model: the intrinsics.
+        sigma: standard deviations of fx, fy, cx, cy in pixels, ``(4,)``; the distortion's, ``(D,)``.
+        rms_px: root mean square reprojection error of all corners used.
+        views: names of the used views, with their errors in pixels.
+        left_out: names of views that do not fit, with their errors.
+        coverage: share of the image that corners reach.
+        warnings: sentences about poorly determined quantities.
+    """
+
+    model: CameraModel
+    sigma: Array
     distortion_sigma: Array
-    rms_px: float  # root mean square reprojection error of all corners used
-    views: tuple[tuple[str, float], ...]  # names of the used views, with their errors in pixels
-    left_out: tuple[tuple[str, float], ...]  # names of views that do not fit, with their errors
-    coverage: float  # share of the cells of an 8 by 8 grid over the image that hold a corner
-    warnings: tuple[str, ...]  # sentences about poorly determined quantities
+    rms_px: float
+    views: tuple[tuple[str, float], ...]
+    left_out: tuple[tuple[str, float], ...]
+    coverage: float
+    warnings: tuple[str, ...]
 
 
 def find_views(

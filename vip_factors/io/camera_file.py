@@ -79,13 +79,22 @@ class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _Pose2SimCamera(msgspec.Struct, frozen=True):
-    """Table of a camera in a calibration of Pose2Sim's."""
+    """Table of a camera in a calibration of Pose2Sim's.
 
-    size: tuple[Number, Number]  # width, height
+    Attributes:
+        size: width and height.
+        matrix: intrinsics.
+        distortions: as OpenCV's.
+        rotation: rotation vector from the world, whose z is up and whose floor is at 0, to the camera.
+        translation: metres, with it.
+        fisheye: whether the distortion is that of a fisheye lens.
+    """
+
+    size: tuple[Number, Number]
     matrix: Matrix
-    distortions: tuple[Number, ...]  # as OpenCV's
-    rotation: Vector  # rotation vector from the world, whose z is up and whose floor is at 0, to the camera
-    translation: Vector  # m
+    distortions: tuple[Number, ...]
+    rotation: Vector
+    translation: Vector
     fisheye: bool = False
 
 

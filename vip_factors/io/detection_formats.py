@@ -44,16 +44,26 @@ def warn(path: Path, sentence: str) -> None:
 
 @dataclass
 class DetectedPeople:
-    """People in a file."""
+    """People in a file.
 
-    path: Path  # of the file or folder
-    first_number: int = 0  # number of a video's first frame in the format
-    listed: set[int] = field(default_factory=set)  # numbers of all frames in the file, those without people included
-    numbers: list[int] = field(default_factory=list)  # the frame's number of each person
-    rows: list[Array] = field(default_factory=list)  # each person's keypoints, flat (3 J,): x, y, confidence
-    where: list[str] = field(default_factory=list)  # place of each person in the file, for messages
-    names: tuple[str, ...] = ()  # the keypoints' names in order, if the file states them
-    # seconds of each listed frame by its number, if the file states them
+    Attributes:
+        path: of the file or folder.
+        first_number: number of a video's first frame in the format.
+        listed: numbers of all frames in the file, those without people included.
+        numbers: the frame's number of each person.
+        rows: each person's keypoints, flat ``(3 J,)``: x, y, confidence.
+        where: place of each person in the file, for messages.
+        names: the keypoints' names in order, if the file states them.
+        time: seconds of each listed frame by its number, if the file states them.
+    """
+
+    path: Path
+    first_number: int = 0
+    listed: set[int] = field(default_factory=set)
+    numbers: list[int] = field(default_factory=list)
+    rows: list[Array] = field(default_factory=list)
+    where: list[str] = field(default_factory=list)
+    names: tuple[str, ...] = ()
     time: dict[int, float] = field(default_factory=dict)
 
     def add(self, number: int, keypoints: Numbers, where: str) -> None:

@@ -190,12 +190,19 @@ def _close_distance(keypoints: KeypointSet, rows: Array) -> float:
 
 @dataclass(frozen=True)
 class TrackedPose:
-    """One person in one frame."""
+    """One person in one frame.
 
-    track: int  # number of the person, the same in all frames
-    pixels: Array  # (K, 2) in the image as it is shown; the middle of its first pixel is at (0.5, 0.5)
-    confidence: Array  # (K,) in [0, 1]; 0 where a keypoint was not found
-    score: float  # of the person, in [0, 1]
+    Attributes:
+        track: number of the person, the same in all frames.
+        pixels: ``(K, 2)`` in the image as it is shown; the middle of its first pixel is at (0.5, 0.5).
+        confidence: ``(K,)`` in [0, 1]; 0 where a keypoint was not found.
+        score: of the person, in [0, 1].
+    """
+
+    track: int
+    pixels: Array
+    confidence: Array
+    score: float
 
 
 def write_mmpose(

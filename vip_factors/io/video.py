@@ -32,14 +32,20 @@ class VideoFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """Facts about a video file."""
+    """Facts about a video file.
 
-    path: Path  # of the file
-    # width, height: of its frames as shown (turned if the file demands it)
+    Attributes:
+        path: of the file.
+        width, height: of its frames as shown (turned if the file demands it).
+        rate: frames per second, the median where it varies.
+        time: ``(F,)`` seconds of each frame after the first, from the file: phones vary their rate.
+    """
+
+    path: Path
     width: int
     height: int
-    rate: float  # frames per second, the median where it varies
-    time: Array  # (F,) seconds of each frame after the first, from the file: phones vary their rate
+    rate: float
+    time: Array
 
     def __len__(self) -> int:
         return len(self.time)

@@ -172,11 +172,17 @@ SHORTEST_TRACK_S = 2.0  # in which a body is seen
 
 @dataclass(frozen=True)
 class ImageTrack:
-    """One body in consecutive video frames."""
+    """One body in consecutive video frames.
 
-    time: Array  # (n,) seconds on the video's clock, increasing; frames without the body are absent
-    pixels: Array  # (n, K, 2), NaN if a keypoint is not detected
-    size: Array  # (n,) pixels, smoothed spread of the keypoints
+    Attributes:
+        time: ``(n,)`` seconds on the video's clock, increasing; frames without the body are absent.
+        pixels: ``(n, K, 2)``, NaN if a keypoint is not detected.
+        size: ``(n,)`` pixels, smoothed spread of the keypoints.
+    """
+
+    time: Array
+    pixels: Array
+    size: Array
 
 
 def simple_tracks(detections: Detections) -> list[ImageTrack]:

@@ -104,13 +104,21 @@ class _Layout(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Content of a column map."""
+    """Content of a column map.
 
-    source: str  # its name in messages
-    common: SensorColumns = field(default_factory=SensorColumns)  # for sensors that have no entry
-    sensors: Mapping[str, SensorColumns] = field(default_factory=dict)  # by name; none if each file is a sensor
-    sensor_column: str | int | None = None  # the column that names the sensor of each row
-    dialect: Dialect = field(default_factory=Dialect)  # layout of the files
+    Attributes:
+        source: its name in messages.
+        common: for sensors that have no entry.
+        sensors: by name; none if each file is a sensor.
+        sensor_column: the column that names the sensor of each row.
+        dialect: layout of the files.
+    """
+
+    source: str
+    common: SensorColumns = field(default_factory=SensorColumns)
+    sensors: Mapping[str, SensorColumns] = field(default_factory=dict)
+    sensor_column: str | int | None = None
+    dialect: Dialect = field(default_factory=Dialect)
 
 
 def read_column_map(path: str | Path, rate_hz: float | None = None) -> ColumnMap:

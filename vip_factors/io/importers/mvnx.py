@@ -79,22 +79,33 @@ class MvnxFrame(NamedTuple):
 
 @dataclass
 class MvnxDocument:
-    """Content of an MVNX file."""
+    """Content of an MVNX file.
 
-    path: Path  # the file
-    # version, software: of the format and of MVN, as written
+    Attributes:
+        path: the file.
+        version, software: of the format and of MVN, as written.
+        frame_rate: Hz.
+        configuration: the set of sensors that the subject wears, in MVN's words; blank if the file does not say.
+        segments, sensors: labels, in the order of the rows of every channel.
+        points: ``segment/point`` → metres, in the segment's axes in the T-pose (x forward, y left, z up).
+        joints: pairs of such points, the parent's first, that coincide.
+        samples: frames of the recording, in order.
+        calibration_poses: frames before it: identity, T-pose, N-pose …
+        truncated: why the file cannot be read to its end; blank if it can.
+    """
+
+    path: Path
     version: str
     software: str
-    frame_rate: float  # Hz
-    configuration: str  # the set of sensors that the subject wears, in MVN's words; blank if the file does not say
-    # segments, sensors: labels, in the order of the rows of every channel
+    frame_rate: float
+    configuration: str
     segments: list[str]
     sensors: list[str]
-    points: dict[str, Array]  # segment/point → metres, in the segment's axes in the T-pose (x forward, y left, z up)
-    joints: list[tuple[str, str]]  # pairs of such points, the parent's first, that coincide
-    samples: list[MvnxFrame] = field(default_factory=list)  # frames of the recording, in order
-    calibration_poses: list[MvnxFrame] = field(default_factory=list)  # frames before it: identity, T-pose, N-pose …
-    truncated: str = ""  # why the file cannot be read to its end; blank if it can
+    points: dict[str, Array]
+    joints: list[tuple[str, str]]
+    samples: list[MvnxFrame] = field(default_factory=list)
+    calibration_poses: list[MvnxFrame] = field(default_factory=list)
+    truncated: str = ""
 
     @property
     def is_full_body(self) -> bool:

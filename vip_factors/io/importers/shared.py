@@ -178,20 +178,31 @@ def z_up(name: str, R_inertial_sensor: Array, specific_force: Array, notes: list
 
 @dataclass(frozen=True)
 class ImportedLog:
-    """The content of a foreign sensor log, in the package's units and frames."""
+    """The content of a foreign sensor log, in the package's units and frames.
 
-    format: str  # name of the format, the reader's FORMAT
-    imus: Mapping[str, ImuStream]  # one stream per sensor, by sensor name; one time base, seconds from the log's start
-    # sensor name → one of SITES, where the log itself tells
+    Attributes:
+        format: name of the format, the reader's ``FORMAT``.
+        imus: one stream per sensor, by sensor name; one time base, seconds from the log's start.
+        default_sites: sensor name → one of :data:`~vip_factors.sensors.calibration.SITES`, where the log itself tells.
+        placement: sites that only positions and mountings can say; it wins over ``default_sites``.
+        truth_motion: the wearer's motion as the log's own system estimated or measured it.
+        truth_bones: names of the bones that this motion covers; None: all.
+        stature_m: the wearer's height, if the log knows it.
+        start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+        clock_s: time of t = 0 on the log's own clock, where that does not restart with each log; None if unknown.
+        notes: one sentence each on an assumption, a loss, or an oddity.
+    """
+
+    format: str
+    imus: Mapping[str, ImuStream]
     default_sites: Mapping[str, str] = field(default_factory=dict)
-    placement: Placement | None = None  # sites that only positions and mountings can say; it wins over default_sites
-    truth_motion: Motion | None = None  # the wearer's motion as the log's own system estimated or measured it
-    truth_bones: frozenset[str] | None = None  # names of the bones that this motion covers; None: all
-    stature_m: float | None = None  # the wearer's height, if the log knows it
-    start_ns: int = 0  # absolute time of t = 0 in nanoseconds, 0 if unknown
-    # time of t = 0 on the log's own clock, where that does not restart with each log; None if unknown
+    placement: Placement | None = None
+    truth_motion: Motion | None = None
+    truth_bones: frozenset[str] | None = None
+    stature_m: float | None = None
+    start_ns: int = 0
     clock_s: float | None = None
-    notes: tuple[str, ...] = ()  # one sentence each on an assumption, a loss, or an oddity
+    notes: tuple[str, ...] = ()
 
 
 def rotations_or_nan(quaternion: Array, order: Order, where: str, notes: list[str]) -> Array:

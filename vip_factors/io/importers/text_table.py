@@ -38,28 +38,44 @@ class NoTableError(FileFormatError):
 
 @dataclass(frozen=True)
 class Dialect:
-    """Declared layout of a file; None is detected."""
+    """Declared layout of a file; None is detected.
 
-    # one of SEPARATORS, or a character itself; single spaces have blank cells between them
+    Attributes:
+        separator: one of :data:`SEPARATORS`, or a character itself; single spaces have blank cells between them.
+        comment: beginning of the lines to skip.
+        header: numbers of the lines with the names of the columns, the first line being 1; names are joined by ``_``.
+        same_digits: whether all cells of a column have as many decimals: a last cell with fewer breaks off.
+    """
+
     separator: str | None = None
-    comment: str | None = None  # beginning of the lines to skip
-    # numbers of the lines with the names of the columns, the first line being 1; names are joined by _
+    comment: str | None = None
     header: tuple[int, ...] | None = None
-    same_digits: bool = False  # whether all cells of a column have as many decimals: a last cell with fewer breaks off
+    same_digits: bool = False
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Rows of text below named columns."""
+    """Rows of text below named columns.
 
-    path: Path  # the file
-    names: tuple[str, ...]  # one per column; the numbers from 1 on where the file names none
-    rows: list[str]  # a line each, without those to be skipped
-    lines: Sequence[int]  # numbers of those lines in the file
-    separator: str  # between their cells
-    notes: tuple[str, ...] = ()  # a sentence on each loss
-    preamble: tuple[str, ...] = ()  # the lines above the first row
-    units: tuple[str, ...] = ()  # one per column, where a line below their names gives them
+    Attributes:
+        path: the file.
+        names: one per column; the numbers from 1 on where the file names none.
+        rows: a line each, without those to be skipped.
+        lines: numbers of those lines in the file.
+        separator: between their cells.
+        notes: a sentence on each loss.
+        preamble: the lines above the first row.
+        units: one per column, where a line below their names gives them.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    rows: list[str]
+    lines: Sequence[int]
+    separator: str
+    notes: tuple[str, ...] = ()
+    preamble: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)

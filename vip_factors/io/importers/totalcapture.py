@@ -49,20 +49,33 @@ _HEAD = re.compile(rf"\d+[ \t]+\d+\s*\n\d+\s*\n[^\d\s]\S*(?:{_NUMBER}){{7}}(?:(?
 
 
 class SensorTable(NamedTuple):
-    """Content of a ``.sensors`` file."""
+    """Content of a ``.sensors`` file.
 
-    names: tuple[str, ...]  # the sensors'
-    numbers: Array  # (N,) frame numbers from 1 on
-    values: Array  # (N, S, 7) qw qx qy qz ax ay az, or (N, S, 13) with gx gy gz mx my mz
+    Attributes:
+        names: the sensors'.
+        numbers: ``(N,)`` frame numbers from 1 on.
+        values: ``(N, S, 7)`` ``qw qx qy qz ax ay az``, or ``(N, S, 13)`` with ``gx gy gz mx my mz``.
+    """
+
+    names: tuple[str, ...]
+    numbers: Array
+    values: Array
 
 
 class OpticalBody(NamedTuple):
-    """The wearer as the optical system measured it."""
+    """The wearer as the optical system measured it.
 
-    motion: Motion  # in our skeleton; time 0 is the first frame of the file
-    R_joint_bone: Array  # our bone axes in those of their joints, the same for all
-    R_vicon_joint: Mapping[str, Array]  # (T, 3, 3) by joint, of the frames of the motion
-    first_frame: int  # number of the motion's first frame in the file, from 0 on
+    Attributes:
+        motion: in our skeleton; time 0 is the first frame of the file.
+        R_joint_bone: our bone axes in those of their joints, the same for all.
+        R_vicon_joint: ``(T, 3, 3)`` by joint, of the frames of the motion.
+        first_frame: number of the motion's first frame in the file, from 0 on.
+    """
+
+    motion: Motion
+    R_joint_bone: Array
+    R_vicon_joint: Mapping[str, Array]
+    first_frame: int
 
 
 def matches(path: Path) -> bool:

@@ -8,7 +8,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import exp
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.frames import LiveFrame
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame

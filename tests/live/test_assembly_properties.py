@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.frames import LiveFrame
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.settings import AssemblySettings
 

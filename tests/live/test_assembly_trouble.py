@@ -9,7 +9,7 @@ from assembly_stream import CAMERA, COLUMNS, RATE, assemble, findings_of, in_tim
 
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.frames import LiveFrame
 from vip_factors.sensors.live import ImuSample
 from vip_factors.settings import AssemblySettings
 

@@ -17,7 +17,7 @@ from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, wrap_angle, yaw_of
 from vip_factors.live import recalibrator
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import MeasuredStretch
+from vip_factors.live.frames import MeasuredStretch
 from vip_factors.live.recalibrator import RecalibrationProcess
 from vip_factors.live.tracker import NOT_SEEN
 from vip_factors.sensors.live import ImuSample, live_samples, sensor_columns, stream_head

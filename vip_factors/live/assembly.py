@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, FindingLog
-from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.frames import LiveFrame
 from vip_factors.live.sensor_samples import SampleError, SensorBuffer, checked_imu, checked_video
 from vip_factors.live.source_clocks import SensorPresence, StreamClocks
 from vip_factors.sensors.imu_stream import AttitudeFilter

@@ -12,7 +12,7 @@ from vip_factors.factor_settings import CameraFactorSettings, ContactFrom, Groun
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, Belief, OnlineAssociation
 from vip_factors.live.association_evidence import NEAREST_M
-from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.frames import LiveFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem
@@ -151,27 +151,23 @@ class CameraObserver:
 
     def adapt_spread(self, wearer: int, residual: Array, view: KeypointView, share: float) -> None:
         """Adapt the scatter of detections to whitened residuals ``(T, K, 2)``, by a ``share`` in (0, 1]."""
-        if not self._settings.adaptive:
-            return
-        measured = scatter(residual, view, self.spreads[wearer])
-        self.spreads[wearer] = float(
-            np.exp((1 - share) * np.log(self.spreads[wearer]) + share * np.log(max(measured, 1e-3)))
-        )
+        if self._settings.adaptive:
+            spread = self.spreads[wearer]
+            measured = max(scatter(residual, view, spread), 1e-3)
+            self.spreads[wearer] = float(np.exp((1 - share) * np.log(spread) + share * np.log(measured)))
 
     def _views(
         self, video: VideoFrame, chosen: np.ndarray, belief: Belief, feet: Sequence[Array | None]
     ) -> tuple[KeypointView, ...]:
-        views = list[KeypointView]()
-        for number, person in enumerate(chosen.tolist()):
-            is_seen = person != NOBODY
-            unseen = KeypointView.unseen(self._wearers[number].points)
-            views.append(self._view(video, person, number, belief, feet[number]) if is_seen else unseen)
-        return tuple(views)
+        people = enumerate(chosen.tolist())
+        return tuple(self._view(video, person, number, belief, feet[number]) for number, person in people)
 
     def _view(
         self, video: VideoFrame, person: int, wearer: int, belief: Belief, foot_contacts: Array | None
     ) -> KeypointView:
         tracked = self._wearers[wearer]
+        if person == NOBODY:
+            return KeypointView.unseen(tracked.points)
         lens, settings, body = self.camera.model, self._settings, belief.bodies[wearer]
         pixels, confidence = video.pixels[person, tracked.used], video.confidence[person, tracked.used]
         visible = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
@@ -191,9 +187,6 @@ class CameraObserver:
         view = KeypointView(tracked.points, pixels[None], *errors, confidence[None], names=tracked.names)
         if foot_contacts is None:
             return view
+        feet = tracked.feet, tracked.columns, foot_contacts[None]
         pose = CameraPoses(R[None], p[None])
-        contacts = foot_contacts[None]
-        ground = ground_view(
-            view, tracked.feet, tracked.columns, contacts, body, tracked.sole, pose, lens, self._ground
-        )
-        return replace(view, ground=ground)
+        return replace(view, ground=ground_view(view, *feet, body, tracked.sole, pose, lens, self._ground))

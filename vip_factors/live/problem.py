@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.poses import retract_pose
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.live.measurement import LiveFrame, imu_arrays
+from vip_factors.live.frames import LiveFrame, imu_arrays
 from vip_factors.problem.layout import ROOT, Owner
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState

@@ -16,7 +16,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.estimates import EstimateBuilder
-from vip_factors.live.measurement import LiveFrame, MeasuredStretch, video_of
+from vip_factors.live.frames import LiveFrame, MeasuredStretch, video_of
 from vip_factors.live.prediction import continued_start, correction_findings
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.sensor_slips import SlipTest
@@ -223,7 +223,10 @@ class FixedLagTracker:
                 if not self._is_preliminary:  # after the next update: one iteration is not enough to compare
                     self._before_recalibration = self._pending_start.seconds, smoother
                 if self._pending_start.seconds >= SlipTest.LEARNT_S:
-                    self._report_doubts(self._pending_start)
+                    # Findings that twice as much data has not settled, and those that more data cannot settle.
+                    findings, doubts = self._pending_start.findings, self._doubts
+                    self._add_once(item for item in findings if item.about in doubts or item.kind in KNOWN_AT_ONCE)
+                    self._doubts = {finding.about for finding in findings}
                 self._learnt_s = max(self._learnt_s, self._pending_start.seconds)
                 tracking, self._pending_start = continued_tracking, None
         self._recalibrator.begin(tracking.smoother.state(newest))
@@ -290,13 +293,6 @@ class FixedLagTracker:
         """Remember the pelvises in the oldest frame of the lag."""
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
-
-    def _report_doubts(self, start: TrackingStart) -> None:
-        """Report, once, findings that twice as much data has not settled, and those that more data cannot settle."""
-        previous_doubts, self._doubts = self._doubts, {finding.about for finding in start.findings}
-        self._add_once(
-            finding for finding in start.findings if finding.about in previous_doubts or finding.kind in KNOWN_AT_ONCE
-        )
 
     def _add_once(self, findings: Iterable[Finding]) -> None:
         new = {finding.about: finding for finding in findings if finding.about not in self._doubts_reported}

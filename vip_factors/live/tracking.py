@@ -13,7 +13,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver, standing_feet
-from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.frames import LiveFrame
 from vip_factors.live.prediction import predict_frame
 from vip_factors.live.problem import stacked
 from vip_factors.live.sensor_slips import KnockDetector, SlipTest
@@ -166,11 +166,9 @@ class Tracking:
         news = [video for video in measured.video if video.frame in smoother.numbers]
         belief = self._belief(smoother.numbers[0] if news else measured.number - CONTACT_FRAMES, root_covariance)
         self._find_contacts(belief)
-        changed = [
-            frame
-            for number, observer in enumerate(self.observers)
-            for frame in self._observe(number, observer, news, belief)
-        ]
+        changed = list[int]()
+        for number, observer in enumerate(self.observers):
+            changed += self._observe(number, observer, news, belief)
         self._changed += changed
         self._unsolved += 1
         in_step = bool(changed and not self._was_seen)  # an update sooner, in step with the video
@@ -267,24 +265,18 @@ class Tracking:
 
     def _stance_confidence(self, camera: int, belief: Belief, number: int) -> list[Array | None]:
         """Confidence that each wearer's feet stand in a frame; None for wearers whose feet the camera does not use."""
-        problem, index = self.smoother.problem, number - belief.first_number
+        smoother, problem = self.smoother, self.smoother.problem
         if not any(problem.feet[camera]):
             return [None] * len(problem.wearers)
-        recent = slice(max(0, index + 1 - CONTACT_FRAMES), index + CONTACT_FRAMES)
-        frames = [
-            self.smoother.frame(n)
-            for n in self.smoother.numbers[belief.first_number - self.smoother.numbers[0] :][recent]
-        ]
+        first_number = max(belief.first_number, number + 1 - CONTACT_FRAMES)
+        recent = range(first_number, min(number + CONTACT_FRAMES, smoother.numbers.stop))
+        frames, index = [smoother.frame(n) for n in recent], number - first_number
+        rows = slice(recent.start - belief.first_number, recent.stop - belief.first_number)
         settings, foot_contacts = self._settings.camera.ground_contact, list[Array | None]()
-        for wearer, columns, feet, body in zip(
-            problem.wearers, problem.sensors, problem.feet[camera], belief.bodies, strict=False
-        ):  # the camera's own sensors are the last
-            recently = index - recent.start
-            foot_contacts.append(
-                None
-                if feet is None
-                else standing_feet(wearer, columns, feet, body.at(recent), frames, recently, settings)
-            )
+        for w, (wearer, feet) in enumerate(zip(problem.wearers, problem.feet[camera], strict=True)):
+            body, columns = belief.bodies[w].at(rows), problem.sensors[w]
+            contacts = None if feet is None else standing_feet(wearer, columns, feet, body, frames, index, settings)
+            foot_contacts.append(contacts)
         return foot_contacts
 
     def _notice_slips(self) -> list[Finding]:

@@ -32,34 +32,54 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Kind:
-    """Properties that all findings of a kind share."""
+    """Properties that all findings of a kind share.
 
-    severity: Severity  # how much they bear on the results
-    # with the names and numbers of a finding in braces; {each} is a list of its numbers. The wearer's and the camera's
-    # names are put before it.
+    Attributes:
+        severity: how much they bear on the results.
+        sentence: with the names and numbers of a finding in braces; ``{each}`` is a list of its numbers. The wearer's
+            and the camera's names are put before it.
+        headline: what is wrong, in a few words.
+        affects: what it means for the use of the results.
+        advice: what to do.
+        each: format of a number in that list, by its ``name`` and ``value``.
+        is_fault: whether something may be wrong; otherwise the set-up limits the accuracy.
+    """
+
+    severity: Severity
     sentence: str
-    headline: str  # what is wrong, in a few words
-    affects: str  # what it means for the use of the results
-    advice: str  # what to do
-    each: str = "{name}"  # format of a number in that list, by its name and value
-    is_fault: bool = True  # whether something may be wrong; otherwise the set-up limits the accuracy
+    headline: str
+    affects: str
+    advice: str
+    each: str = "{name}"
+    is_fault: bool = True
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Message for the user; its text is the sentence."""
+    """Message for the user; its text is the sentence.
 
-    kind: str  # a name in KINDS
-    wearer: str = ""  # name of the wearer it is about, if it is about one
-    camera: str = ""  # name of the camera in whose picture it was found, where there are several
-    subject: str = ""  # the sensor, joint, camera … it is about
-    # by the names that the sentence has for them, or by what they were measured on; SI units, or as the names say
+    Attributes:
+        kind: a name in :data:`KINDS`.
+        wearer: name of the wearer it is about, if it is about one.
+        camera: name of the camera in whose picture it was found, where there are several.
+        subject: the sensor, joint, camera … it is about.
+        numbers: by the names that the sentence has for them, or by what they were measured on; SI units, or as the
+            names say.
+        words: parts of the sentence that are no numbers.
+        during: seconds of the window from which and until when it was found, in a recording solved in windows.
+        more_windows: in which the same was found.
+        text: the sentence itself, of one that was read from a file.
+    """
+
+    kind: str
+    wearer: str = ""
+    camera: str = ""
+    subject: str = ""
     numbers: Mapping[str, float] = field(default_factory=dict)
-    words: Mapping[str, str] = field(default_factory=dict)  # parts of the sentence that are no numbers
-    # seconds of the window from which and until when it was found, in a recording solved in windows
+    words: Mapping[str, str] = field(default_factory=dict)
     during: tuple[float, float] | None = None
-    more_windows: int = 0  # in which the same was found
-    text: str = ""  # the sentence itself, of one that was read from a file
+    more_windows: int = 0
+    text: str = ""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -114,10 +134,15 @@ VERDICTS = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Reliability of an estimate, as terminal, report, viewers, JSON and exit codes show it."""
+    """Reliability of an estimate, as terminal, report, viewers, JSON and exit codes show it.
 
-    severity: Severity  # GOOD, CARE or DOUBT
-    deciding: tuple[str, ...] = ()  # headlines of the findings with this severity
+    Attributes:
+        severity: GOOD, CARE or DOUBT.
+        deciding: headlines of the findings with this severity.
+    """
+
+    severity: Severity
+    deciding: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         text = f"{self.severity.upper()}, {VERDICTS[self.severity]}"

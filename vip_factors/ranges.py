@@ -11,11 +11,17 @@ from vip_factors.errors import InputError
 
 @dataclass(frozen=True)
 class Range:
-    """Which numbers are allowed; stated as ``Annotated[float, Range(...)]`` where the usual rule does not hold."""
+    """Which numbers are allowed; stated as ``Annotated[float, Range(...)]`` where the usual rule does not hold.
 
-    least: float = -math.inf  # the smallest
-    above: float = -math.inf  # all must be larger than this
-    most: float = math.inf  # the largest
+    Attributes:
+        least: the smallest.
+        above: all must be larger than this.
+        most: the largest.
+    """
+
+    least: float = -math.inf
+    above: float = -math.inf
+    most: float = math.inf
 
     def __contains__(self, value: float) -> bool:
         is_finite = abs(value) <= sys.float_info.max  # isfinite fails at integers beyond the largest float

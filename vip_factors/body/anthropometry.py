@@ -252,10 +252,15 @@ LEAST_SIGMA = 0.003
 
 @dataclass(frozen=True)
 class LengthPrior:
-    """Gaussian over changes of a skeleton's lengths."""
+    """Gaussian over changes of a skeleton's lengths.
 
-    names: tuple[str, ...]  # B of LENGTHS; names of other versions are ignored
-    covariance: Array  # (B, B) m²
+    Attributes:
+        names: ``B`` of :data:`~vip_factors.body.lengths.LENGTHS`; names of other versions are ignored.
+        covariance: ``(B, B)`` m².
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
 
     def __post_init__(self) -> None:
         covariance, count = np.asarray(self.covariance, dtype=float), len(self.names)

@@ -28,13 +28,20 @@ PIECES = (
 
 @dataclass(frozen=True)
 class BodyMesh:
-    """Triangle mesh that moves with a skeleton."""
+    """Triangle mesh that moves with a skeleton.
 
-    p_bind: Array  # (V, 3) metres, vertices in the pelvis frame, in the bind pose
-    normal: Array  # (V, 3) unit normals, outwards, in the bind pose
-    faces: np.ndarray  # (F, 3) indices of vertices, anticlockwise seen from outside
-    weights: Array  # (V, 24) skinning weights; rows sum to one
-    # R_bind_bone, p_bind_bone: (24, 3, 3) and (24, 3) poses of the bones in the bind pose
+    Attributes:
+        p_bind: ``(V, 3)`` metres, vertices in the pelvis frame, in the bind pose.
+        normal: ``(V, 3)`` unit normals, outwards, in the bind pose.
+        faces: ``(F, 3)`` indices of vertices, anticlockwise seen from outside.
+        weights: ``(V, 24)`` skinning weights; rows sum to one.
+        R_bind_bone, p_bind_bone: ``(24, 3, 3)`` and ``(24, 3)`` poses of the bones in the bind pose.
+    """
+
+    p_bind: Array
+    normal: Array
+    faces: np.ndarray
+    weights: Array
     R_bind_bone: Array
     p_bind_bone: Array
 

@@ -60,11 +60,16 @@ class PosePrior:
     """Gaussian over the joint rotations of a pose, with the residual ``whitening @ (x − mean)``.
 
     ``x`` is the stack of rotation vectors Log(R_parent_child) of joints 1 … 23, in radians (:func:`joint_vector`).
+
+    Attributes:
+        mean: ``(69,)`` radians.
+        whitening: ``(69, 69)`` per radian: ``L`` with ``Σ⁻¹ = Lᵀ L`` (thesis eq. 3.28).
+        provenance: one line: data, number of frames, what was held out.
     """
 
-    mean: Array  # (69,) radians
-    whitening: Array  # (69, 69) per radian: L with Σ⁻¹ = Lᵀ L (thesis eq. 3.28).
-    provenance: str = "unknown"  # one line: data, number of frames, what was held out
+    mean: Array
+    whitening: Array
+    provenance: str = "unknown"
 
     def residual(self, x: Array) -> Array:
         """Whitened deviation ``(..., 69)`` of joint vectors ``(..., 69)``: unit variance where the prior holds."""
@@ -140,16 +145,24 @@ OFFSET_SIGMA_DEG = 5.0
 
 @dataclass(frozen=True)
 class Hinge:
-    """Joint that turns about an axis fixed in the upper bone."""
+    """Joint that turns about an axis fixed in the upper bone.
 
-    joint: str  # name of the joint
-    axis: Array  # (3,) usual axis in the upper bone
-    normals: Array  # (3, 2) directions of its tilts
-    # (3, n) directions in the lower bone that stay perpendicular to the axis: along the limb, and one across it unless
-    # the lower bone can rotate about itself
+    Attributes:
+        joint: name of the joint.
+        axis: ``(3,)`` usual axis in the upper bone.
+        normals: ``(3, 2)`` directions of its tilts.
+        square: ``(3, n)`` directions in the lower bone that stay perpendicular to the axis: along the limb, and one
+            across it unless the lower bone can rotate about itself.
+        rows: rows of these directions among those of all hinges.
+        tilts: columns of the tilts among the variables of all hinges.
+    """
+
+    joint: str
+    axis: Array
+    normals: Array
     square: Array
-    rows: slice  # rows of these directions among those of all hinges
-    tilts: slice  # columns of the tilts among the variables of all hinges
+    rows: slice
+    tilts: slice
 
     @property
     def columns(self) -> np.ndarray:
@@ -218,11 +231,17 @@ LEAST_SIGMA = np.deg2rad(3.0)
 
 @dataclass(frozen=True)
 class HingeEstimate:
-    """Estimated axis of an elbow or a knee."""
+    """Estimated axis of an elbow or a knee.
 
-    joint: str  # name of the joint
-    variables: Array  # (n,) radians: two tilts of its axis, then an offset for each row (HINGES)
-    covariance: Array  # (n, n) rad²; NaN if unknown
+    Attributes:
+        joint: name of the joint.
+        variables: ``(n,)`` radians: two tilts of its axis, then an offset for each row (:data:`HINGES`).
+        covariance: ``(n, n)`` rad²; NaN if unknown.
+    """
+
+    joint: str
+    variables: Array
+    covariance: Array
 
     def __post_init__(self) -> None:
         if self.joint not in HINGE_OF:

@@ -139,10 +139,14 @@ STRETCHED = tuple(joint_index(joint) for name in ("upper arm", "forearm", "thigh
 
 @dataclass(frozen=True)
 class BodyVariation:
-    """Linear changes of a skeleton with a Gaussian prior."""
+    """Linear changes of a skeleton with a Gaussian prior.
 
-    directions: Array  # (24, 3, B) derivatives of the joints' offsets by the lengths
-    # mean, whitening: (B,) metres and (B, B) per metre, of the prior
+    Attributes:
+        directions: ``(24, 3, B)`` derivatives of the joints' offsets by the lengths.
+        mean, whitening: ``(B,)`` metres and ``(B, B)`` per metre, of the prior.
+    """
+
+    directions: Array
     mean: Array
     whitening: Array
 

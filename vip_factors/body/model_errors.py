@@ -37,13 +37,21 @@ _OFFSET_SHARE = {"pelvis": 0.6, "hip": 0.6, "knee": 0.4, "ankle": 0.5, "elbow": 
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """Model errors of a wearer's standard deviations, with or without a camera."""
+    """Model errors of a wearer's standard deviations, with or without a camera.
 
-    joint: Array  # (24,) factor of the joint's rotation
-    position: Array  # (24,) m along each axis, of the joint relative to the middle of the hips
-    mounting: Array  # (24,) rad, added about each axis to mountings on that bone
-    heading: float  # rad, added
-    root: float  # factor of the wearer's position
+    Attributes:
+        joint: ``(24,)`` factor of the joint's rotation.
+        position: ``(24,)`` m along each axis, of the joint relative to the middle of the hips.
+        mounting: ``(24,)`` rad, added about each axis to mountings on that bone.
+        heading: rad, added.
+        root: factor of the wearer's position.
+    """
+
+    joint: Array
+    position: Array
+    mounting: Array
+    heading: float
+    root: float
 
     def positions(self, bones: Collection[str]) -> Array:
         """Position errors ``(24,)`` m of joints for sensors on these bones."""

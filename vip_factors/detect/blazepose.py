@@ -214,13 +214,21 @@ BODY = 33  # landmarks of the body, before the auxiliary ones
 
 @dataclass(frozen=True)
 class PersonLandmarks:
-    """Output of the landmark model for one square."""
+    """Output of the landmark model for one square.
 
-    pixels: Array  # (33, 2) in the image, possibly beyond its border
-    confidence: Array  # (33,) in [0, 1], that the point is within the square and not hidden
-    presence: float  # in [0, 1], that there is a person
-    square: Square  # the square
-    following: Square  # the square for the next frame
+    Attributes:
+        pixels: ``(33, 2)`` in the image, possibly beyond its border.
+        confidence: ``(33,)`` in [0, 1], that the point is within the square and not hidden.
+        presence: in [0, 1], that there is a person.
+        square: the square.
+        following: the square for the next frame.
+    """
+
+    pixels: Array
+    confidence: Array
+    presence: float
+    square: Square
+    following: Square
 
 
 class LandmarkModel:

@@ -70,13 +70,21 @@ SAME_PERSON = 0.1
 
 @dataclass
 class Track:
-    """Track of one person."""
+    """Track of one person.
 
-    number: int  # number of the track
-    landmarks: PersonLandmarks  # landmarks in the last frame
-    time: float  # seconds of that frame
-    confirmed: bool = False  # whether the person detector has found the person again since the track began
-    missed: int = 0  # number of searches since then without that
+    Attributes:
+        number: number of the track.
+        landmarks: landmarks in the last frame.
+        time: seconds of that frame.
+        confirmed: whether the person detector has found the person again since the track began.
+        missed: number of searches since then without that.
+    """
+
+    number: int
+    landmarks: PersonLandmarks
+    time: float
+    confirmed: bool = False
+    missed: int = 0
 
 
 class Tracker:

@@ -95,14 +95,23 @@ def _frames_to_look_at(facts: VideoFacts, settings: DetectSettings) -> range:
 
 @dataclass(frozen=True)
 class VideoPoses:
-    """Poses of all people in a video."""
+    """Poses of all people in a video.
 
-    facts: VideoFacts  # properties of the video
-    keypoints: KeypointSet  # keypoint set of the poses
-    frames: list[list[TrackedPose]]  # poses in each frame of the video; empty for frames without detection
-    looked: range  # indices of the frames with detection
-    detector: str = "BlazePose"  # name of the model
-    seconds: float = 0.0  # duration of the detection
+    Attributes:
+        facts: properties of the video.
+        keypoints: keypoint set of the poses.
+        frames: poses in each frame of the video; empty for frames without detection.
+        looked: indices of the frames with detection.
+        detector: name of the model.
+        seconds: duration of the detection.
+    """
+
+    facts: VideoFacts
+    keypoints: KeypointSet
+    frames: list[list[TrackedPose]]
+    looked: range
+    detector: str = "BlazePose"
+    seconds: float = 0.0
 
     @property
     def detections(self) -> Detections:

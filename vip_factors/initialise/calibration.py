@@ -96,12 +96,17 @@ def _low_passed(signal: Array, cutoff: float) -> Array:
 
 @dataclass(frozen=True)
 class InitialCalibration:
-    """Initial values of headings and mountings, in the order of the frames' sensors."""
+    """Initial values of headings and mountings, in the order of the frames' sensors.
 
-    headings: Array  # (S,) radians, with standard deviations heading_sigma
+    Attributes:
+        headings: ``(S,)`` radians, with standard deviations ``heading_sigma``.
+        R_bone_sensor: ``(S, 3, 3)`` mountings.
+        R_world_bone: ``(S, 3, 3)`` bones in the declared initial pose, facing the world's x axis; None without one.
+    """
+
+    headings: Array
     heading_sigma: Array
-    R_bone_sensor: Array  # (S, 3, 3) mountings
-    # (S, 3, 3) bones in the declared initial pose, facing the world's x axis; None without one
+    R_bone_sensor: Array
     R_world_bone: Array | None = None
 
     def facing(self, angle: float) -> "InitialCalibration":

@@ -38,11 +38,17 @@ COMPARED_S = 1.0  # over which odometry and rough poses are compared: these jitt
 
 @dataclass(frozen=True)
 class Sightings:
-    """PnP poses of one wearer, at most one for each video frame."""
+    """PnP poses of one wearer, at most one for each video frame.
 
-    time: Array  # (n,) seconds, increasing
-    R_camera_world: Array  # (n, 3, 3) from the wearer's world
-    p_camera_pelvis: Array  # (n, 3) metres, the wearer's pelvis in the camera's frame
+    Attributes:
+        time: ``(n,)`` seconds, increasing.
+        R_camera_world: ``(n, 3, 3)`` from the wearer's world.
+        p_camera_pelvis: ``(n, 3)`` metres, the wearer's pelvis in the camera's frame.
+    """
+
+    time: Array
+    R_camera_world: Array
+    p_camera_pelvis: Array
 
     def __len__(self) -> int:
         return len(self.time)

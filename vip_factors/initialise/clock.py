@@ -25,14 +25,23 @@ LEAST_STRETCHES = 3  # for a line
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """Line through the clock offsets of stretches."""
+    """Line through the clock offsets of stretches.
 
-    per_second: float  # drift, seconds per second of the video
-    sigma: float  # standard deviation of the drift
-    middle: float  # middle of the video, seconds on its clock
-    seconds: float  # offset there, to add to the video's times to get the sensors'
-    duration: float  # of the video, seconds
-    stretches: int  # number of stretches used
+    Attributes:
+        per_second: drift, seconds per second of the video.
+        sigma: standard deviation of the drift.
+        middle: middle of the video, seconds on its clock.
+        seconds: offset there, to add to the video's times to get the sensors'.
+        duration: of the video, seconds.
+        stretches: number of stretches used.
+    """
+
+    per_second: float
+    sigma: float
+    middle: float
+    seconds: float
+    duration: float
+    stretches: int
 
     @property
     def matters(self) -> bool:
@@ -137,16 +146,27 @@ LIMB_S = 0.15  # largest distance of a limb's peak from the common one
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset of the video's clock."""
+    """Offset of the video's clock.
 
-    seconds: float  # to add to the video's times to get the sensors'; the best guess if undetermined
-    sigma: float  # standard deviation in seconds; infinite if undetermined
-    alternatives: tuple[tuple[float, float], ...]  # other offsets and their agreement relative to the best one's
-    sentence: str  # offset and uncertainty in words
-    curve: CorrelationCurve  # agreement over all offsets
-    drift: ClockDrift | None = None  # of the clock about that offset, if it is determined
-    clock: VideoClock = field(default_factory=VideoClock)  # from the video's clock to the sensors'
-    finding: Finding | None = None  # set if the video seems to be of another session
+    Attributes:
+        seconds: to add to the video's times to get the sensors'; the best guess if undetermined.
+        sigma: standard deviation in seconds; infinite if undetermined.
+        alternatives: other offsets and their agreement relative to the best one's.
+        sentence: offset and uncertainty in words.
+        curve: agreement over all offsets.
+        drift: of the clock about that offset, if it is determined.
+        clock: map from the video's clock to the sensors', with the drift if it matters.
+        finding: set if the video seems to be of another session.
+    """
+
+    seconds: float
+    sigma: float
+    alternatives: tuple[tuple[float, float], ...]
+    sentence: str
+    curve: CorrelationCurve
+    drift: ClockDrift | None = None
+    clock: VideoClock = field(default_factory=VideoClock)
+    finding: Finding | None = None
 
     @property
     def determined(self) -> bool:

@@ -167,12 +167,19 @@ class Pair:
 
 @dataclass(frozen=True)
 class CorrelationCurve:
-    """Agreement over offsets."""
+    """Agreement over offsets.
 
-    offset: Array  # (L,) seconds to add to the video's times, evenly spaced
-    gain: Array  # (L,) log-likelihood gain in nats, over all tracks
-    tracks: Sequence[Sequence[LimbCurve]] = ()  # for every track, the curves of all limbs of all wearers
-    pairs: tuple[Pair, ...] = ()  # assignments of tracks to wearers
+    Attributes:
+        offset: ``(L,)`` seconds to add to the video's times, evenly spaced.
+        gain: ``(L,)`` log-likelihood gain in nats, over all tracks.
+        tracks: for every track, the curves of all limbs of all wearers.
+        pairs: assignments of tracks to wearers.
+    """
+
+    offset: Array
+    gain: Array
+    tracks: Sequence[Sequence[LimbCurve]] = ()
+    pairs: tuple[Pair, ...] = ()
 
     def explained(self, index: int) -> float:
         """Share of limbs' image motion that sensors explain at an offset: mean R² of the best track."""

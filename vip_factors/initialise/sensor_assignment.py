@@ -26,13 +26,21 @@ SECONDS = 40.0  # of the recording, from its middle
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two sensors that are exchanged."""
+    """Two sensors that are exchanged.
 
-    sensors: Pair  # numbers of the sensors
-    nats: float  # gain in log-likelihood by the exchange
-    rivals: tuple[Pair, ...] = ()  # alternative exchanges that explain the recording as well
-    others: tuple[Pair, ...] = ()  # further exchanged pairs, if whole limbs or sides are exchanged
-    evidence: str = ""  # in words, if it is not the acceleration of neighbours
+    Attributes:
+        sensors: numbers of the sensors.
+        nats: gain in log-likelihood by the exchange.
+        rivals: alternative exchanges that explain the recording as well.
+        others: further exchanged pairs, if whole limbs or sides are exchanged.
+        evidence: in words, if it is not the acceleration of neighbours.
+    """
+
+    sensors: Pair
+    nats: float
+    rivals: tuple[Pair, ...] = ()
+    others: tuple[Pair, ...] = ()
+    evidence: str = ""
 
 
 AMBIGUOUS_NATS = 3.0  # difference below which two exchanges are equally likely: 20 to 1

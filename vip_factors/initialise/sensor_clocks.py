@@ -43,13 +43,18 @@ _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 @dataclass(frozen=True)
 class JointSignal:
-    """Acceleration of points on a sensor's bone as a linear function of the arm to the point."""
+    """Acceleration of points on a sensor's bone as a linear function of the arm to the point.
 
-    time: Array  # (T,) seconds, FINE instants per step
-    # (T, 3, 4): the sensor's acceleration in its inertial frame in m/s², and the matrix that multiplies the arm
-    # (3,) in the sensor's frame
+    Attributes:
+        time: ``(T,)`` seconds, :data:`FINE` instants per step.
+        values: ``(T, 3, 4)``: the sensor's acceleration in its inertial frame in m/s², and the matrix that multiplies
+            the arm ``(3,)`` in the sensor's frame.
+        valid: ``(T,)`` mask of instants without missing samples.
+    """
+
+    time: Array
     values: Array
-    valid: np.ndarray  # (T,) mask of instants without missing samples
+    valid: np.ndarray
 
     @cached_property
     def spline(self) -> "scipy.interpolate.BSpline":
@@ -225,13 +230,18 @@ DELAY_DEVIATIONS = 4.0  # standard deviations by which a delay must differ from 
 
 @dataclass(frozen=True)
 class SensorDelay:
-    """Delay of a sensor's samples."""
+    """Delay of a sensor's samples.
 
-    sensor: int  # number of the sensor
-    # seconds, sigma: delay (negative: early) and its standard deviation
+    Attributes:
+        sensor: number of the sensor.
+        seconds, sigma: delay (negative: early) and its standard deviation.
+        rival: sensor that may have the opposite delay instead, or None.
+    """
+
+    sensor: int
     seconds: float
     sigma: float
-    rival: int | None = None  # sensor that may have the opposite delay instead, or None
+    rival: int | None = None
 
 
 def _joined(

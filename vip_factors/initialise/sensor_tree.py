@@ -30,20 +30,25 @@ RIGID_JOINTS = tuple(
 
 @dataclass(frozen=True)
 class Link:
-    """Two sensors without another instrumented bone between their bones."""
+    """Two sensors without another instrumented bone between their bones.
 
-    # parent, child: numbers of the sensors
+    Attributes:
+        parent, child: numbers of the sensors.
+        mean, lower, upper: ``(3,)`` radians, prior mean and limits of the rotation vector from the parent's bone to
+            the child's, summed over the joints between them.
+        whitening: ``(3, 3)`` per radian, upper triangular, of deviations from the mean under the pose prior.
+        joints: number of free joints between them, at least 1.
+        p_parent, p_child: ``(3,)`` metres, from each sensor to a common point of both bones, in bone axes at rest; None
+            if a free limb lies between them.
+    """
+
     parent: int
     child: int
-    # mean, lower, upper: (3,) radians, prior mean and limits of the rotation vector from the parent's bone to the
-    # child's, summed over the joints between them
     mean: Array
     lower: Array
     upper: Array
-    whitening: Array  # (3, 3) per radian, upper triangular, of deviations from the mean under the pose prior
-    joints: int  # number of free joints between them, at least 1
-    # p_parent, p_child: (3,) metres, from each sensor to a common point of both bones, in bone axes at rest; None
-    # if a free limb lies between them
+    whitening: Array
+    joints: int
     p_parent: Array | None
     p_child: Array | None
 
@@ -101,11 +106,16 @@ Choice = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True)
 class TreeMinimum:
-    """Minimum of a sum of costs over a tree (min-sum, Viterbi 1967)."""
+    """Minimum of a sum of costs over a tree (min-sum, Viterbi 1967).
 
-    cost: float  # least cost
-    choice: Choice  # candidate (heading, mounting) of every sensor at the minimum
-    # by sensor (K, M), the least cost with each of its candidates; empty if not requested
+    Attributes:
+        cost: least cost.
+        choice: candidate ``(heading, mounting)`` of every sensor at the minimum.
+        marginals: by sensor ``(K, M)``, the least cost with each of its candidates; empty if not requested.
+    """
+
+    cost: float
+    choice: Choice
     marginals: tuple[Array, ...]
 
 
@@ -248,12 +258,18 @@ class _Accelerations:
     """Cost of the disagreement about the acceleration of a common point, from products summed over frames.
 
     The scale of the misfit is unknown, so the cost is the logarithm of its mean square.
+
+    Attributes:
+        arms: ``(3,)`` metres, from either sensor to the common point, in its bone's axes.
+        products: ``(5, 4, 4)`` of :func:`joint_products`, mean over frames.
+        looks: number of independent observations.
+        least: m/s², expected misfit.
     """
 
-    arms: tuple[Array, Array]  # (3,) metres, from either sensor to the common point, in its bone's axes
-    products: Array  # (5, 4, 4) of joint_products, mean over frames
-    looks: float  # number of independent observations
-    least: float  # m/s², expected misfit
+    arms: tuple[Array, Array]
+    products: Array
+    looks: float
+    least: float
 
     def cost(self, headings: Array, R_parent: Array, R_child: Array) -> Array:
         """Cost ``(K, M, K, M)`` in nats of headings ``(K, K)``, child minus parent, and mountings ``(K, M, 3, 3)``."""

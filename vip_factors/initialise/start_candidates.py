@@ -22,11 +22,17 @@ BONE_SIGMA = np.deg2rad(10.0)  # of a mounting about the bone that carries it, s
 
 @dataclass(frozen=True)
 class InitialisationHypothesis:
-    """Assumptions of the initialisation."""
+    """Assumptions of the initialisation.
 
-    name: str  # in words
-    straps: bool  # True if mountings are roughly those of the placement
-    frames: bool  # True if inertial frames agree
+    Attributes:
+        name: in words.
+        straps: True if mountings are roughly those of the placement.
+        frames: True if inertial frames agree.
+    """
+
+    name: str
+    straps: bool
+    frames: bool
 
 
 HYPOTHESES = (
@@ -69,14 +75,20 @@ TILTED = np.deg2rad(40.0)  # mean lean of trunk, thighs and shanks: too large fo
 
 @dataclass(frozen=True)
 class Candidates:
-    """Candidate headings of sensors, and mountings for each of them."""
+    """Candidate headings of sensors, and mountings for each of them.
 
-    headings: Array  # (S, K) radians
-    R_bone_sensor: tuple[Array, ...]  # by sensor (K, M, 3, 3)
-    # True if all sensors have the same evenly spaced headings and mountings do not depend on them; only differences of
-    # headings matter then
+    Attributes:
+        headings: ``(S, K)`` radians.
+        R_bone_sensor: by sensor ``(K, M, 3, 3)``.
+        relative: True if all sensors have the same evenly spaced headings and mountings do not depend on them; only
+            differences of headings matter then.
+        declared: True if the mountings follow from a declared pose.
+    """
+
+    headings: Array
+    R_bone_sensor: tuple[Array, ...]
     relative: bool = False
-    declared: bool = False  # True if the mountings follow from a declared pose
+    declared: bool = False
 
     @classmethod
     def of(cls, starts: Sequence[InitialCalibration]) -> "Candidates":

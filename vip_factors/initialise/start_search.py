@@ -34,45 +34,73 @@ FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])
 
 @dataclass(frozen=True)
 class SensorPrior:
-    """Prior knowledge about the sensors."""
+    """Prior knowledge about the sensors.
 
-    links: tuple[Link, ...]  # tree of the sensors
-    R_placed: Array  # (S, 3, 3) mountings of the placement
-    sigma: Array  # (S,) standard deviations about each axis, radians
-    limbs: Array  # (S, 3) unit vectors along the bones, in their axes
-    upright: np.ndarray  # (S,) mask of sensors on bones that are upright on average
+    Attributes:
+        links: tree of the sensors.
+        R_placed: ``(S, 3, 3)`` mountings of the placement.
+        sigma: ``(S,)`` standard deviations about each axis, radians.
+        limbs: ``(S, 3)`` unit vectors along the bones, in their axes.
+        upright: ``(S,)`` mask of sensors on bones that are upright on average.
+    """
+
+    links: tuple[Link, ...]
+    R_placed: Array
+    sigma: Array
+    limbs: Array
+    upright: np.ndarray
 
 
 @dataclass(frozen=True)
 class Start:
-    """Initial headings and mountings with their cost."""
+    """Initial headings and mountings with their cost.
 
-    hypothesis: str  # in words
-    calibration: InitialCalibration  # headings and mountings
-    cost: float  # negative log-likelihood, nats
+    Attributes:
+        hypothesis: in words.
+        calibration: headings and mountings.
+        cost: negative log-likelihood, nats.
+    """
+
+    hypothesis: str
+    calibration: InitialCalibration
+    cost: float
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Result of a search."""
+    """Result of a search.
 
-    best: Start  # likeliest start
-    rival: str  # hypothesis of the likeliest start that turns a sensor by more than 60° relative to the best
-    margin: float  # difference of their costs in nats; infinite without a rival
-    doubtful: tuple[int, ...]  # numbers of the sensors that starts within SETTLED_NATS of the best turn
-    # numbers of the sensors whose bones are not upright with the placed mounting or a quarter turn of it
+    Attributes:
+        best: likeliest start.
+        rival: hypothesis of the likeliest start that turns a sensor by more than 60° relative to the best.
+        margin: difference of their costs in nats; infinite without a rival.
+        doubtful: numbers of the sensors that starts within ``SETTLED_NATS`` of the best turn.
+        tilted: numbers of the sensors whose bones are not upright with the placed mounting or a quarter turn of it.
+        rivals: likeliest starts that turn doubtful sensors, at least one for each of these.
+    """
+
+    best: Start
+    rival: str
+    margin: float
+    doubtful: tuple[int, ...]
     tilted: tuple[int, ...] = ()
-    rivals: tuple[Start, ...] = ()  # likeliest starts that turn doubtful sensors, at least one for each of these
+    rivals: tuple[Start, ...] = ()
 
 
 @dataclass(frozen=True)
 class StartSearch:
-    """Costs of starts over some frames."""
+    """Costs of starts over some frames.
 
-    frames: ImuFrames  # evenly spaced
-    prior: SensorPrior  # of the sensors
-    known_mountings: bool = False  # True if placed mountings are exact; without a declared pose only headings vary then
-    # standard deviation of the yaw between inertial frames of sensors that started together, degrees
+    Attributes:
+        frames: evenly spaced.
+        prior: of the sensors.
+        known_mountings: True if placed mountings are exact; without a declared pose only headings vary then.
+        agree_deg: standard deviation of the yaw between inertial frames of sensors that started together, degrees.
+    """
+
+    frames: ImuFrames
+    prior: SensorPrior
+    known_mountings: bool = False
     agree_deg: float = 15.0
 
     def best(

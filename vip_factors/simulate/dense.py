@@ -21,13 +21,17 @@ from vip_factors.geometry.rotations import Array
 
 @dataclass(frozen=True)
 class BoneKinematics:
-    """How one bone moves at ``N`` instants; all in the world frame."""
+    """How one bone moves at ``N`` instants; all in the world frame.
 
-    R_world_bone: Array  # (N, 3, 3)
-    # rate, angular_acceleration: (N, 3) rad/s and rad/s²
+    Attributes:
+        R_world_bone: ``(N, 3, 3)``.
+        rate, angular_acceleration: ``(N, 3)`` rad/s and rad/s².
+        position, velocity, acceleration: ``(N, 3)`` of the bone's joint: m, m/s, m/s².
+    """
+
+    R_world_bone: Array
     rate: Array
     angular_acceleration: Array
-    # position, velocity, acceleration: (N, 3) of the bone's joint: m, m/s, m/s²
     position: Array
     velocity: Array
     acceleration: Array

@@ -50,16 +50,24 @@ class Person:
 
 @dataclass(frozen=True)
 class View:
-    """``P`` people in ``F`` frames, ``K`` keypoints each."""
+    """``P`` people in ``F`` frames, ``K`` keypoints each.
 
-    pixels: Array  # (P, F, K, 2) where the keypoints really are, NaN out of the image
-    aimed: Array  # the same of the points that the detector means, not cut at the image's borders
-    height: Array  # (P, F) pixels at which the whole stature would appear at the pelvis's depth; NaN if not seen
-    depth: Array  # (P, F) metres of the pelvis
-    # hidden, behind: (P, F, K) hidden by their own body, and by somebody else
+    Attributes:
+        pixels: ``(P, F, K, 2)`` where the keypoints really are, NaN out of the image.
+        aimed: the same of the points that the detector means, not cut at the image's borders.
+        height: ``(P, F)`` pixels at which the whole stature would appear at the pelvis's depth; NaN if not seen.
+        depth: ``(P, F)`` metres of the pelvis.
+        hidden, behind: ``(P, F, K)`` hidden by their own body, and by somebody else.
+        facing: ``(P, F)`` cosine of the angle between where the chest points and the camera: 1 from the front.
+    """
+
+    pixels: Array
+    aimed: Array
+    height: Array
+    depth: Array
     hidden: np.ndarray
     behind: np.ndarray
-    facing: Array  # (P, F) cosine of the angle between where the chest points and the camera: 1 from the front
+    facing: Array
 
 
 def look(people: Sequence[Person], camera: CameraPath, model: CameraModel, keypoints: KeypointSet, bias: Array) -> View:

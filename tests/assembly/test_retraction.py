@@ -8,7 +8,7 @@ from small_problems import drifting_scene, small_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.assembly.system import Steps
 from vip_factors.factor_graph.graph import factor_graph_of
-from vip_factors.live.problem import FrameState, LagProblem
+from vip_factors.live.frames import FrameState, LagProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
 from vip_factors.settings import LiveSettings

@@ -9,8 +9,8 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live import prediction
+from vip_factors.live.frames import FrameState
 from vip_factors.live.prediction import correction_findings
-from vip_factors.live.problem import FrameState
 from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.simulate.gestures import gestures

@@ -9,9 +9,8 @@ import pytest
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import contact_points, joint_index
 from vip_factors.geometry.rotations import angle_between, rotation_x
-from vip_factors.live.frames import LiveFrame
+from vip_factors.live.frames import FrameState, LagProblem, LiveFrame
 from vip_factors.live.prediction import predict_frame
-from vip_factors.live.problem import FrameState, LagProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample

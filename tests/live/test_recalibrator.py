@@ -12,8 +12,7 @@ from vip_factors.errors import SolveError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.live import recalibrator
-from vip_factors.live.frames import LiveFrame, MeasuredStretch, video_of
-from vip_factors.live.problem import FrameState
+from vip_factors.live.frames import FrameState, LiveFrame, MeasuredStretch, video_of
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.start import EarlierCalibration, TrackingStart
 from vip_factors.sensors.live import VideoFrame, sensor_columns, stream_head

@@ -6,7 +6,7 @@ import pytest
 from vip_factors.body.model_errors import FILMED
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
 from vip_factors.live.estimates import _pose
-from vip_factors.live.problem import FrameState
+from vip_factors.live.frames import FrameState
 
 
 def test_hinges_of_a_stream_are_a_fifth_less_sure_than_the_model_says() -> None:

@@ -13,8 +13,7 @@ import gtsam
 from vip_factors.errors import RecordingError
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.variables import values_of
-from vip_factors.live.frames import LiveFrame
-from vip_factors.live.problem import FrameState, LagProblem, stacked
+from vip_factors.live.frames import FrameState, LagProblem, LiveFrame, stacked
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.state import SceneState

@@ -10,7 +10,7 @@ from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.live.problem import FrameState, stacked
+from vip_factors.live.frames import FrameState, stacked
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.settings import LiveSettings, SolveSettings
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt

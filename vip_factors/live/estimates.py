@@ -12,7 +12,7 @@ from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, transpose, wrap_angle
-from vip_factors.live.problem import FrameState
+from vip_factors.live.frames import FrameState
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraEstimate, LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate

@@ -15,8 +15,7 @@ from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
 from vip_factors.live.association_evidence import NEAREST_M, people_of, stack_people
-from vip_factors.live.frames import LiveFrame
-from vip_factors.live.problem import FrameState, LagProblem, stacked
+from vip_factors.live.frames import FrameState, LagProblem, LiveFrame, stacked
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.state import CameraPoses, SceneState

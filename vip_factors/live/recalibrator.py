@@ -30,8 +30,7 @@ from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_assignment import LEAST_NATS
-from vip_factors.live.frames import LiveFrame, MeasuredStretch
-from vip_factors.live.problem import FrameState
+from vip_factors.live.frames import FrameState, LiveFrame, MeasuredStretch
 from vip_factors.live.start import EarlierCalibration, TrackingStart, solve_stretch, tracking_start, unsettled_starts
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState

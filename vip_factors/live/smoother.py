@@ -10,8 +10,7 @@ from vip_factors.assembly.objective import joined_slices
 from vip_factors.assembly.system import far_columns
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.frames import LiveFrame
-from vip_factors.live.problem import FrameState, LagProblem, stacked
+from vip_factors.live.frames import FrameState, LagProblem, LiveFrame, stacked
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState

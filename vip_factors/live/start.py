@@ -13,8 +13,7 @@ from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.initialise.start_search import Starts
-from vip_factors.live.frames import LiveFrame, MeasuredStretch, video_of
-from vip_factors.live.problem import FrameState, LagProblem
+from vip_factors.live.frames import FrameState, LagProblem, LiveFrame, MeasuredStretch, video_of
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem

@@ -13,9 +13,8 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver, standing_feet
-from vip_factors.live.frames import LiveFrame
+from vip_factors.live.frames import LiveFrame, stacked
 from vip_factors.live.prediction import predict_frame
-from vip_factors.live.problem import stacked
 from vip_factors.live.sensor_slips import KnockDetector, SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart

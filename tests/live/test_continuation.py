@@ -24,9 +24,16 @@ def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypat
     R, p = motion.R_parent_child[:0], motion.p_world_pelvis[:0]
     wearer = WearerState(R, p, np.zeros(0), np.zeros((0, 3, 3)), np.zeros(69))
     carried = CameraState(CameraPoses(np.zeros((0, 3, 3)), np.zeros((0, 3))))
-    found = SimpleNamespace(problem=SimpleNamespace(wearers=[motion]), shared=SceneState((wearer,), (carried,)))
+    camera: Any = SimpleNamespace(name="phone")
+    found: Any = SimpleNamespace(
+        problem=SimpleNamespace(wearers=[motion]),
+        shared=SceneState((wearer,), (carried,)),
+        associated=[SimpleNamespace(camera=camera)],
+        with_lens=lambda camera: camera,
+    )
+    frames: Any = [VideoFrame("phone", 0.0, np.zeros((0, 17, 2)), np.zeros((0, 17)), 23)] * 2
     state = FrameState(motion.R_parent_child[:1], np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)))
-    placed = prediction._placed(found, [state] * 9, 20, 0, None, [VideoFrame("phone", 0.0, None, None, 23)] * 2)  # type: ignore[arg-type]
+    placed = prediction._placed(found, [state] * 9, 20, camera, frames)
     assert placed is not None
     np.testing.assert_allclose([one.p_world_pelvis[0] for one in placed], [[1.0, 4.0, 0.9]] * 9, atol=1e-9)
 

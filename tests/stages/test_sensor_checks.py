@@ -22,7 +22,7 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.accelerometers import accelerometer_scale, is_scale_wrong
 from vip_factors.stages.calibrate import Stretches, check_sensors
-from vip_factors.stages.sensor_checks import CorrectedSamples, checked
+from vip_factors.stages.sensor_checks import PreparedRecording, checked
 from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
@@ -192,7 +192,7 @@ def test_long_recordings_are_put_right_by_time() -> None:
     source = RecordingInMemory(recording)
     plan = WindowPlan.of("leg", source.interval, settings)
     corrections, findings = check_sensors(Stretches.of(source, plan), source, plan, settings)
-    right = CorrectedSamples(source, corrections)
+    right = PreparedRecording(source, corrections=corrections)
     whole, told = checked(recording, settings)
     assert [(finding.kind, finding.subject) for finding in findings] == [
         (finding.kind, finding.subject) for finding in told

@@ -40,7 +40,7 @@ from vip_factors.stages.inertial_model import with_contacts, with_inflated_conta
 from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
-from vip_factors.stages.sensor_checks import CorrectedSamples, check_scene, sensor_corrections
+from vip_factors.stages.sensor_checks import PreparedRecording, check_scene, sensor_corrections
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import WindowPlan
 from vip_factors.terms.registry import unfilmed_problem
@@ -162,7 +162,7 @@ def _calibrate_unfilmed(
     stretches = Stretches.of(recording, plan)
     corrections, sensor_findings = check_sensors(stretches, recording, plan, settings)
     if corrections:
-        stretches = Stretches.of(CorrectedSamples(recording, corrections), plan)
+        stretches = Stretches.of(PreparedRecording(recording, corrections=corrections), plan)
     joined_recording, frames = stretches.joined_recording, stretches.frames()
     evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
     start, starts = (

@@ -34,7 +34,6 @@ from vip_factors.initialise.start_search import Start
 from vip_factors.sensors.calibration import Placement, SensorSite, site_name
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import ImuFrames, resample_streams
-from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
@@ -42,6 +41,7 @@ from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import brisk_stretch, sensor_links
 from vip_factors.stages.inertial import WearerStart, find_start, inertial_tracker
 from vip_factors.stages.pauses import interval_between_pauses
+from vip_factors.stages.sensor_checks import PreparedRecording
 from vip_factors.stages.solver import Solver
 
 
@@ -159,34 +159,6 @@ def _named(site: SensorSite, recording: Recording) -> str:
 
 
 @dataclass(frozen=True)
-class ReplacedRecording:
-    """A recording with another placement; see :class:`~vip_factors.sensors.sources.RecordingSource`."""
-
-    source: RecordingSource
-    placement: Placement
-
-    @cached_property
-    def head(self) -> Recording:
-        """The recording without what was measured."""
-        return replace(self.source.head, placement=self.placement)
-
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Names of the placed sensors that have samples."""
-        measured = self.source.sensors
-        return tuple(site.sensor for site in self.placement.sites if site.sensor in measured)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Seconds of their first and last sample."""
-        return self.source.interval
-
-    def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """Return the samples between two instants."""
-        return self.source.between(start, end)
-
-
-@dataclass(frozen=True)
 class ReplacedSource:
     """A scene whose wearers have other placements; see :class:`~vip_factors.sensors.sources.SceneSource`."""
 
@@ -201,7 +173,7 @@ class ReplacedSource:
     @cached_property
     def wearers(self) -> tuple[RecordingSource, ...]:
         """Recordings with their other placements."""
-        return tuple(map(ReplacedRecording, self.source.wearers, self.placements))
+        return tuple(map(PreparedRecording, self.source.wearers, self.placements))
 
     @property
     def video_start(self) -> float:

@@ -1,12 +1,14 @@
 """Sensors looked over before anything is estimated: accelerometers by themselves, clocks against one another."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_clocks import SensorDelay, clock_step, joint_signal, sensor_delays
+from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
@@ -52,21 +54,32 @@ def corrected_elsewhere(
 
 
 @dataclass(frozen=True)
-class CorrectedSamples:
-    """A recording that gives its samples put right; see :class:`~vip_factors.sensors.sources.RecordingSource`."""
+class PreparedRecording:
+    """A recording with its sensors in their places and their samples put right.
+
+    See :class:`~vip_factors.sensors.sources.RecordingSource`.
+
+    Attributes:
+        source: the recording as it was given.
+        placement: another placement; None keeps that of the recording.
+        corrections: of its sensors.
+    """
 
     source: RecordingSource
-    corrections: Corrections
+    placement: Placement | None = None
+    corrections: Corrections = field(default_factory=dict)
 
-    @property
+    @cached_property
     def head(self) -> Recording:
         """The recording without what was measured."""
-        return self.source.head
+        head = self.source.head
+        return head if self.placement is None else replace(head, placement=self.placement)
 
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the placed sensors that have samples."""
-        return self.source.sensors
+        measured = self.source.sensors
+        return tuple(site.sensor for site in self.head.placement.sites if site.sensor in measured)
 
     @property
     def interval(self) -> tuple[float, float]:

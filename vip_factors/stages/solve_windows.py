@@ -26,7 +26,7 @@ from vip_factors.stages.inertial import InertialSolution, track_window
 from vip_factors.stages.inertial_model import frame_by_frame, method_of, with_contacts, with_fixed_calibration
 from vip_factors.stages.reporting import at_nearest, filmed_estimate, unfilmed_estimate
 from vip_factors.stages.scene_solution import SceneSolution
-from vip_factors.stages.sensor_checks import CorrectedSamples
+from vip_factors.stages.sensor_checks import PreparedRecording
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow, moved
 from vip_factors.stages.windows import MapFn, WindowPlan
@@ -59,7 +59,7 @@ def solve_windows(
     """
     quiet_solver = replace(calibration.solver, on_progress=silent, reports=[])
     if not calibration.is_filmed:
-        recording = CorrectedSamples(source.wearers[0], calibration.corrections[0])
+        recording = PreparedRecording(source.wearers[0], corrections=calibration.corrections[0])
         yield from _unfilmed_windows(recording, calibration, plan, settings, map_fn)
     elif plan.uses_all_frames:
         yield from _windows_of_solution(calibration.solution, plan, settings, quiet_solver, map_fn)
@@ -84,7 +84,7 @@ def solve_at_once(source: SceneSource, calibration: Calibration, plan: WindowPla
     if calibration.is_filmed:
         frames = calibration.solution.frames_at(plan.time(slice(0, plan.frames)))
         return filmed_estimate(calibration, settings, frames)
-    recording = CorrectedSamples(source.wearers[0], calibration.corrections[0])
+    recording = PreparedRecording(source.wearers[0], corrections=calibration.corrections[0])
     (window,) = _unfilmed_windows(recording, calibration, plan, settings, map)
     return unfilmed_estimate(calibration, settings, window.wearers[0])
 

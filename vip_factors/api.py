@@ -31,7 +31,7 @@ from vip_factors.simulate.settings import CameraKind, SceneSettings
 if TYPE_CHECKING:  # these take a while, and not every command that calls a function of this page needs them
     from vip_factors.evaluate.evaluation import Evaluation
     from vip_factors.factor_graph.extra import ExtraFactors
-    from vip_factors.gait.analysis import Gait
+    from vip_factors.gait.results import Gait
     from vip_factors.gait.strides import Unsteady
     from vip_factors.io.live_server import LiveServer
     from vip_factors.live_estimate import LiveEstimate

@@ -14,9 +14,10 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import SIDES
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
-from vip_factors.gait.analysis import Gait, _figures, gait_of, gaits_of
+from vip_factors.gait.analysis import _figures, gait_of, gaits_of
 from vip_factors.gait.events import events_of_motion, events_of_sensor
 from vip_factors.gait.files import curves_figure, write_gait
+from vip_factors.gait.results import Gait
 from vip_factors.gait.strides import travel_of_foot
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import rotation_y

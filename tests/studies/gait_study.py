@@ -15,8 +15,9 @@ from tests.studies.study import Study, Tell, group, table
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.estimate import WearerEstimate
-from vip_factors.gait.analysis import Gait, foot_sensor, gait_of
+from vip_factors.gait.analysis import foot_sensor, gait_of
 from vip_factors.gait.events import events_of_sensor
+from vip_factors.gait.results import Gait
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.pipeline import smooth

@@ -15,8 +15,8 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.joint_angles import joint_angles
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.errors import InputError
-from vip_factors.gait.analysis import CYCLE
 from vip_factors.gait.files import REFERENCE_COLUMNS
+from vip_factors.gait.results import CYCLE
 from vip_factors.geometry.rotations import Array
 
 ANGLES = ("hip_flexion", "knee_flexion", "ankle_dorsiflexion")

@@ -1,9 +1,8 @@
 """Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle."""
 
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,11 @@ from vip_factors.body.lengths import LENGTHS as BODY_LENGTHS
 from vip_factors.body.lengths import lengths_of
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import SIDES
-from vip_factors.display import Summarised
-from vip_factors.errors import InputError, nearest
-from vip_factors.estimate import Estimate, WearerEstimate, dataframe
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.gait.events import EVENT_S, FootEvents, events_of_motion, events_of_sensor
-from vip_factors.gait.numbers import ROWS
+from vip_factors.gait.results import CYCLE, Curve, Figure, Gait
 from vip_factors.gait.strides import (
     LEAST_RATE_HZ,
     QUANTITIES,
@@ -37,9 +35,8 @@ from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 
 if TYPE_CHECKING:
-    import pandas
+    pass
 
-CYCLE = np.arange(101.0)  # per cent
 # What all strides of a recording are off by together, one standard deviation, as walks of six people with a reference
 # showed: strikes and toe-offs by another sensor or another definition of contact, s (EVENT_S); lengths as shares of
 # them, by legs alone, as muscles carry a thigh's sensor along with four fifths of what its bone swings, or with what
@@ -53,115 +50,6 @@ FEWEST = 3  # strides of a foot, for a curve
 # The distance between the feet needs sensors on pelvis and shanks; the motion of a foot needs one on it.
 LEGS = frozenset({"pelvis", "left_knee", "right_knee"})
 OF_BOTH_LEGS, OF_A_FOOT = ("width", "step_length"), ("clearance", "strike_angle")
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A number of all strides that count.
-
-    Attributes:
-        quantity: what it is of.
-        side: ``left``, ``right``, ``both``, or ``difference``: left less right.
-        count: of strides.
-        mean: of them.
-        variability: standard deviation from stride to stride; NaN of a difference, and of one stride.
-        sigma: standard deviation of the mean: of the strides, and of what all of them share; NaN of one stride.
-    """
-
-    quantity: Quantity
-    side: str
-    count: int
-    mean: float
-    variability: float
-    sigma: float
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A joint angle over the cycle, from strike to strike of one side.
-
-    Attributes:
-        angle: name of the joint angle, such as ``left_knee_flexion``.
-        side: whose cycle it is.
-        count: of strides.
-        mean, variability: ``(101,)`` degrees, and their standard deviation from stride to stride.
-        sigma: ``(101,)`` of the mean: of the strides, and of the estimate's own covariance where it has one.
-    """
-
-    angle: str
-    side: str
-    count: int
-    mean: Array
-    variability: Array
-    sigma: Array
-
-
-@dataclass(frozen=True, repr=False)
-class Gait(Summarised):
-    """Gait of one wearer.
-
-    Attributes:
-        name: whose gait.
-        feet: events by side.
-        strides: all, in the order of time; those with a reason in ``left_out`` are in no mean.
-        figures: of each quantity: left, right, both, difference.
-        curves: of joint angles that something measured, each over the cycle of its own side; of the trunk over both.
-        with_covariance: whether the bands of the curves hold what the estimate itself is unsure of.
-        bones: that sensors sat on; None if nobody knows.
-        findings: what is left out, as nothing measured it.
-        verdict: of the estimate; empty if not known.
-    """
-
-    name: str
-    feet: dict[str, FootEvents]
-    strides: tuple[Stride, ...]
-    figures: tuple[Figure, ...]
-    curves: tuple[Curve, ...]
-    with_covariance: bool
-    bones: frozenset[str] | None = None
-    findings: tuple[Finding, ...] = ()
-    verdict: str = ""
-
-    def summary(self) -> list[str]:
-        """Summarise the strides, the source of their events, findings and main parameters."""
-        stride_count = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {self.source}"
-        lines = [f"{self.name or 'wearer'}: {stride_count}"]
-        lines += [f"verdict of the estimate: {self.verdict}"] if self.verdict else []
-        lines += [f"left out: {self.left_out}"] if self.left_out else []
-        lines += [f"{finding.severity}: {finding}" for finding in self.findings]
-        for figure in filter(None, map(self.figure, ("speed", "cadence", "time", "length"))):
-            mean, sigma = (f"{value:.{figure.quantity.decimals}f}" for value in (figure.mean, figure.sigma))
-            lines.append(f"{figure.quantity.words}: {mean} ± {sigma} {figure.quantity.unit}, n {figure.count}")
-        return lines
-
-    @property
-    def source(self) -> str:
-        """Source of strikes and toe-offs."""
-        words = {True: "foot sensors", False: "the motion of the legs"}
-        return " and ".join(dict.fromkeys(words[events.by_sensor] for events in self.feet.values()))
-
-    @property
-    def counted(self) -> tuple[Stride, ...]:
-        """Strides that count in the means."""
-        return tuple(stride for stride in self.strides if not stride.left_out)
-
-    @property
-    def left_out(self) -> str:
-        """Numbers of excluded strides by reason, such as ``2 turn, 1 stop``."""
-        reasons = Counter(stride.left_out for stride in self.strides if stride.left_out)
-        return ", ".join(f"{number} {reason}" for reason, number in reasons.most_common())
-
-    def figure(self, quantity: str, side: str = "both") -> Figure | None:
-        """One of the figures; None if no stride has it."""
-        return next(
-            (figure for figure in self.figures if (figure.quantity.name, figure.side) == (quantity, side)), None
-        )
-
-    def to_dataframe(self, table: Literal["strides", "figures", "curves"] = "strides") -> "pandas.DataFrame":
-        """A pandas table, as the CSV file of that name; an :class:`InputError` without pandas or for another table."""
-        if table not in ROWS:
-            raise InputError(f"gait has no table '{table}'{nearest(table, ROWS)}")
-        return dataframe(ROWS[table](self))
 
 
 def gait_of(

@@ -21,8 +21,7 @@ from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, is_measured
 from vip_factors.body.mannequin import Side
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
-from vip_factors.gait.analysis import CYCLE, Curve, Gait
-from vip_factors.gait.numbers import ROWS
+from vip_factors.gait.results import CYCLE, ROWS, Curve, Gait
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
 from vip_factors.tables import UNKNOWN, Cell, Quantity, Row, Table, count, json_text

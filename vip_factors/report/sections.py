@@ -15,7 +15,8 @@ from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import LIMBS, worn_limbs
 from vip_factors.describe.estimates import RESIDUALS, finite_quantile
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
-from vip_factors.gait.analysis import Gait, bones_with_sensors, gait_of
+from vip_factors.gait.analysis import bones_with_sensors, gait_of
+from vip_factors.gait.results import Gait
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.report_data import ReportData, ReportWearer
 from vip_factors.tables import UNKNOWN, Quantity, Row, Table, joint_words

@@ -12,7 +12,7 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS
 from vip_factors.body.skeleton import calibration_pose, joint_index
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.calibration import sensor_site, site_axes
-from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, View, canvas, draw_body, svg, view_from
+from vip_factors.viz.charts import GRID, INK, SOFT_INK, View, canvas, draw_body, svg, view_from
 from vip_factors.viz.colours import mixed
 
 PAGE_MM = (297.0, 210.0)  # the checkerboard's, A4
@@ -34,7 +34,7 @@ INERTIAL = np.array([0.0, 0.95, 1.35])
 CAMERA = np.array([-0.7, 1.2, 0.6])
 R_WORLD_CAMERA = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # looks along −x before it is turned
 
-
+Point = tuple[float, float]  # pixels of the page; y goes down
 AXES = (("x", "#c8443c"), ("y", "#2f8f4e"), ("z", "#2f5fc4"))
 HALO = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}  # below text: legible over the body
 

@@ -258,12 +258,12 @@ class Client:
 
     @property
     def has_header(self) -> bool:
-        """Is true once a valid header has come."""
+        """True once a valid header has come."""
         return self._setup is not None
 
     @property
     def is_to_wait(self) -> bool:
-        """Is true while another client is received; raises as :meth:`Session.admit`."""
+        """True while another client is received; raises as :meth:`Session.admit`."""
         return self._setup is not None and not self._session.admit(self, self._described)
 
     def take(self, data: bytes | str) -> None:

@@ -103,7 +103,7 @@ class LiveQueue:
 
     @property
     def is_behind(self) -> bool:
-        """Is true if the oldest sample has waited longer than a pause."""
+        """True if the oldest sample has waited longer than a pause."""
         with self._changed:
             arrivals = (arrived for arrived, item in self._items if isinstance(item, ImuSample | VideoFrame))
             oldest = next(arrivals, None)

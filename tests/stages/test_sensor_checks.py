@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
-from vip_factors.geometry.rotations import transpose
+from vip_factors.geometry.rotations import rotation_z, transpose
 from vip_factors.initialise.sensor_clocks import fewest_delays
 from vip_factors.io.convert import read_log
 from vip_factors.sensors.calibration import preset
@@ -22,6 +22,7 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.accelerometers import accelerometer_scale, is_scale_wrong
 from vip_factors.stages.calibrate import Stretches, check_sensors
+from vip_factors.stages.pauses import pauses_of
 from vip_factors.stages.sensor_checks import PreparedRecording, checked
 from vip_factors.stages.windows import WindowPlan
 
@@ -59,6 +60,22 @@ def test_a_sensor_whose_clock_is_off_is_found_and_put_right(late: str, seconds: 
     assert f"'{late}'" in str(findings[0])
     assert ("behind" if seconds > 0 else "ahead of") in str(findings[0])
     np.testing.assert_allclose(recording.imus[late].time, sound.time, atol=0.005 if rigid else 0.015)
+
+
+def test_a_clock_is_compared_over_a_pause_after_which_headings_are_others() -> None:
+    """Neither of the two stretches is long enough by itself."""
+    imus = {}
+    for number, (name, stream) in enumerate(leg(True).imus.items()):
+        assert stream.R_inertial_sensor is not None
+        begin, end = stream.cut(-np.inf, 8.0), stream.cut(10.0, np.inf)
+        assert end.R_inertial_sensor is not None
+        end = replace(end, R_inertial_sensor=rotation_z(0.7 * number) @ end.R_inertial_sensor)
+        stream = one_stream([begin, end])
+        imus[name] = replace(stream, time=stream.time + 0.035) if name == "left_foot" else stream
+    recording = replace(leg(True), imus=imus, pauses=pauses_of(imus), truth=None)
+    corrected, findings = checked(recording, Settings())
+    assert [(finding.kind, finding.subject) for finding in findings] == [("clock corrected", "sensor 'left_foot'")]
+    np.testing.assert_allclose(corrected.imus["left_foot"].time, imus["left_foot"].time - 0.035, atol=0.005)
 
 
 def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is() -> None:

@@ -115,10 +115,11 @@ def common_steps(signal_a: JointSignal, signal_b: JointSignal) -> np.ndarray:
     return np.arange(-(-start // FINE) + 1, end // FINE)
 
 
-def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] | None:
+def link_delay(parent: JointSignal, child: JointSignal, restarts: Sequence[float] = ()) -> tuple[float, float] | None:
     """Delay of the child's samples relative to the parent's and its standard deviation, seconds.
 
-    None if they have too little common time or motion, or if no delay within reach makes them agree.
+    The relative heading is another one after each of the ``restarts`` (seconds). None if they have too little common
+    time or motion, or if no delay within reach makes them agree.
     """
     least_blocks, least_moving_s = 8, 2.0
     margin = REACH + 2 * STEP
@@ -130,9 +131,10 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     above = parent.spline(time)
     if np.count_nonzero(_is_moving(above, child.spline(time))) * SPACING < least_moving_s:
         return None
-    starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
-    _, heading, begin = min(starts)
-    seconds, sigma, misfit = _fit_delay(above, child.spline, child.spline.derivative(), time, begin, heading)
+    _, stretch = np.unique(np.searchsorted(restarts, time), return_inverse=True)
+    starts = [(*_start(above, child.spline(time + seconds), stretch), seconds) for seconds in STARTS]
+    _, headings, begin = min(starts, key=lambda start: start[0])
+    seconds, sigma, misfit = _fit_delay(above, child.spline, child.spline.derivative(), time, begin, headings, stretch)
     return None if misfit > LARGEST_MISFIT or abs(seconds) > REACH else (seconds, sigma)
 
 
@@ -147,7 +149,8 @@ def joint_misfit(signal_a: JointSignal, signal_b: JointSignal) -> tuple[float, f
         return None
     above, below = signal_a.at(steps), signal_b.at(steps)
     moving = _is_moving(above, below)
-    *_, share = _fit_delay(above, lambda _: below, None, np.zeros(len(steps)), 0.0, _start(above, below)[1])
+    time, stretch = np.zeros(len(steps)), np.zeros(len(steps), int)
+    *_, share = _fit_delay(above, lambda _: below, None, time, 0.0, _start(above, below, stretch)[1], stretch)
     return share, np.count_nonzero(moving) * STEP
 
 
@@ -156,12 +159,14 @@ def _is_moving(above: Array, below: Array) -> np.ndarray:
     return np.asarray(np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2)
 
 
-def _start(above: Array, below: Array) -> tuple[float, float]:
-    """Least cost over headings and that heading."""
-    weight = 1 / (1 + np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) / STRONG**2)
-    products = joint_products(*(side * np.sqrt(weight)[:, None, None] for side in (above, below)))
-    cost, heading = least_over_headings(products[None])
-    return float(cost[0]), float(heading[0])
+def _start(above: Array, below: Array, stretch: np.ndarray) -> tuple[float, Array]:
+    """Least cost over headings and the headings ``(P,)`` of the stretches, whose numbers are ``stretch`` ``(T,)``."""
+    weight = np.sqrt(1 / (1 + np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) / STRONG**2))
+    sides = [side * weight[:, None, None] for side in (above, below)]
+    of_stretches = (stretch == number for number in range(stretch.max() + 1))
+    products = np.stack([joint_products(*(side[rows] for side in sides)) for rows in of_stretches])
+    costs, headings = least_over_headings(products)
+    return float(costs.sum()), headings
 
 
 def least_over_headings(products: Array) -> tuple[Array, Array]:
@@ -183,23 +188,34 @@ def least_over_headings(products: Array) -> tuple[Array, Array]:
 
 
 def _fit_delay(
-    above: Array, below: Signal, rate: Signal | None, time: Array, seconds: float, heading: float
+    above: Array,
+    below: Signal,
+    rate: Signal | None,
+    time: Array,
+    seconds: float,
+    headings: Array,
+    stretch: np.ndarray,
 ) -> tuple[float, float, float]:
-    """Gauss–Newton over heading, both arms and delay with Cauchy weights; returns delay, sigma and relative misfit.
+    """Gauss–Newton over headings, both arms and delay with Cauchy weights; returns delay, sigma and relative misfit.
 
-    The sigma is computed from independent blocks. Without the ``rate`` of ``below`` the delay is constant.
+    The sigma is computed from independent blocks. Without the ``rate`` of ``below`` the delay is constant. ``headings``
+    are those of the stretches, whose numbers are ``stretch`` ``(T,)``.
     """
     rounds = 12
     tolerance = 1e-6  # radians, metres and seconds
-    arms, has_prior = np.zeros(6), np.r_[0.0, np.ones(6), np.zeros(int(rate is not None))]
+    P, arms = len(headings), np.zeros(6)
+    has_prior = np.r_[np.zeros(P), np.ones(6), np.zeros(int(rate is not None))]
     for _ in range(rounds):
-        turned = rotation_z(heading) @ below(time + seconds)
+        turn = rotation_z(headings)[stretch]
+        turned = turn @ below(time + seconds)
         by_arms = np.concatenate([above[:, :, 1:], -turned[:, :, 1:]], axis=2)
         misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms
         coefficients = np.concatenate([[1.0], arms[3:]])
-        slopes = [(-(turned @ coefficients) @ _TURN.T)[..., None], by_arms]
+        by_headings = np.zeros((len(above), 3, P))
+        by_headings[np.arange(len(above)), :, stretch] = -(turned @ coefficients) @ _TURN.T
+        slopes = [by_headings, by_arms]
         if rate is not None:
-            slopes.append(-(rotation_z(heading) @ rate(time + seconds) @ coefficients)[..., None])
+            slopes.append(-(turn @ rate(time + seconds) @ coefficients)[..., None])
         slope = np.concatenate(slopes, axis=2)
         square = np.sum(misfit**2, axis=1)
         scale = max(float(np.median(square)) / 2.37, 0.05)  # 2.37: the median of chi square with three degrees
@@ -209,9 +225,10 @@ def _fit_delay(
         unknowns = slope.shape[2]
         hessian = weighted.reshape(-1, unknowns).T @ slope.reshape(-1, unknowns) + np.diag(prior + 1e-9)
         scores = np.einsum("tik,ti->tk", weighted, misfit)
-        step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0.0, arms, np.zeros(unknowns - 7)])
-        heading, arms = heading + float(step[0]), arms + step[1:7]
-        seconds += float(np.clip(step[7:].sum(), -0.03, 0.03))
+        values = np.r_[np.zeros(P), arms, np.zeros(unknowns - P - 6)]
+        step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * values)
+        headings, arms = headings + step[:P], arms + step[P : P + 6]
+        seconds += float(np.clip(step[P + 6 :].sum(), -0.03, 0.03))
         if abs(seconds) > REACH or np.abs(step).max() < tolerance:
             break
     block = ((time - time[0]) / BLOCK).astype(int)
@@ -255,21 +272,22 @@ def _joined(
 
 
 def sensor_delays(
-    signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link]
+    signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link], restarts: Sequence[float] = ()
 ) -> tuple[SensorDelay, ...]:
     """Find delayed sensors, fewer than half of all, from ``signals`` (None for unusable sensors) and their bones.
 
-    Links of the sensor tree with a free limb in between are not used.
+    Headings may be others after each of the ``restarts`` (seconds); without any the middle of a long recording is
+    used. Links of the sensor tree with a free limb in between are not used.
     """
     ranges = [(signal.time[0], signal.time[-1]) for signal in signals if signal is not None]
     start, end = max((t for t, _ in ranges), default=0.0), min((t for _, t in ranges), default=0.0)
-    spare = max(end - start - CLOCK_SECONDS, 0.0) / 2
+    spare = 0.0 if len(restarts) else max(end - start - CLOCK_SECONDS, 0.0) / 2
     # s, delays by soft tissue: up to 10 ms across knees, ankles and elbows, 23 ms across hips, shoulders and the spine
     limb_sigma, trunk_sigma = 0.0055, 0.009
     signals = [None if signal is None else signal.cut(start + spare, end - spare) for signal in signals]
     ends, delay, sigma = [], [], []
     for link, parent, child in _joined(signals, links):
-        estimate = link_delay(parent, child)
+        estimate = link_delay(parent, child, restarts)
         if estimate is not None:
             ends.append((link.parent, link.child))
             delay.append(estimate[0])

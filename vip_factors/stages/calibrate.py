@@ -37,7 +37,6 @@ from vip_factors.stages.inertial import (
     inertial_trackers,
 )
 from vip_factors.stages.inertial_model import with_contacts, with_inflated_contact_sigma
-from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
 from vip_factors.stages.sensor_checks import PreparedRecording, check_scene, sensor_corrections
@@ -143,7 +142,7 @@ def check_sensors(
     """Check a wearer's accelerometers in the stretches and clocks in the middle; return corrections and findings."""
     if not (settings.accelerometers.check or settings.sensor_clocks.check):
         return {}, ()
-    compared = between_pauses(stretches.joined_recording)
+    compared = stretches.joined_recording
     if not plan.uses_all_frames:
         (start, end), half = recording.interval, CLOCK_SECONDS / 2
         middle = recording.between((start + end) / 2 - half, (start + end) / 2 + half)

@@ -27,7 +27,7 @@ from vip_factors.stages.pauses import between_pauses
 
 def check_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
     """The scene with all wearers' sensors put right, by what each wearer's were, and what was found."""
-    checked = [sensor_corrections(recording, between_pauses(recording), settings) for recording in scene.wearers]
+    checked = [sensor_corrections(recording, recording, settings) for recording in scene.wearers]
     wearers = tuple(
         apply_corrections(recording, right) for recording, (right, _) in zip(scene.wearers, checked, strict=True)
     )
@@ -173,7 +173,12 @@ def _delays(recording: Recording) -> tuple[tuple[SensorDelay, ...], tuple[int, f
         return (), None
     bones = [recording.placement.site(name).bone_index for name in names]
     links, signals = sensor_links(recording, names), [joint_signal(recording.imus[name]) for name in names]
-    return sensor_delays(signals, bones, links), clock_step(signals, links)
+    restarts = [(pause.start + pause.end) / 2 for pause in recording.pauses]
+    delays = sensor_delays(signals, bones, links, restarts)
+    if restarts:
+        compared = between_pauses(recording)
+        signals = [joint_signal(compared.imus[name]) if name in compared.imus else None for name in names]
+    return delays, clock_step(signals, links)
 
 
 def _about_clocks(

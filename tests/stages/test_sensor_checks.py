@@ -15,6 +15,7 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import RecordingInMemory, one_stream
 from vip_factors.settings import SensorClockSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
@@ -23,7 +24,7 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.accelerometers import accelerometer_scale, is_scale_wrong
 from vip_factors.stages.calibrate import Stretches, check_sensors
 from vip_factors.stages.pauses import pauses_of
-from vip_factors.stages.sensor_checks import PreparedRecording, checked
+from vip_factors.stages.sensor_checks import PreparedRecording, check_scene, checked
 from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
@@ -73,9 +74,10 @@ def test_a_clock_is_compared_over_a_pause_after_which_headings_are_others() -> N
         stream = one_stream([begin, end])
         imus[name] = replace(stream, time=stream.time + 0.035) if name == "left_foot" else stream
     recording = replace(leg(True), imus=imus, pauses=pauses_of(imus), truth=None)
-    corrected, findings = checked(recording, Settings())
+    scene, _, findings = check_scene(Scene("leg", (recording,)), Settings())
     assert [(finding.kind, finding.subject) for finding in findings] == [("clock corrected", "sensor 'left_foot'")]
-    np.testing.assert_allclose(corrected.imus["left_foot"].time, imus["left_foot"].time - 0.035, atol=0.005)
+    corrected = scene.wearers[0].imus["left_foot"]
+    np.testing.assert_allclose(corrected.time, imus["left_foot"].time - 0.035, atol=0.005)
 
 
 def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is() -> None:

@@ -2,9 +2,10 @@
 
 Where sensors say nothing for more than a second they may have been switched off: their filters begin anew, each with a
 heading of its own, and a log's clock need not tell how long it was. The start of headings and mountings is searched for
-in one stretch between pauses, and sensors are compared there. Headings of the other stretches are searched for with
-the mountings of that one; where they explain a stretch much better than those of its neighbour, headings step over the
-pause between them (:class:`~vip_factors.factor_settings.HeadingWalkSettings`).
+in one stretch between pauses, and exchanged sensors are sought there; clocks are compared over all stretches. Headings
+of the other stretches are searched for with the mountings of that one; where they explain a stretch much better than
+those of its neighbour, headings step over the pause between them
+(:class:`~vip_factors.factor_settings.HeadingWalkSettings`).
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

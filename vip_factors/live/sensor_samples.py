@@ -13,7 +13,6 @@ from vip_factors.sensors.imu_stream import (
     RATE_LIMIT,
     ROTATION_TOLERANCE,
     AttitudeFilter,
-    rotation_errors,
 )
 from vip_factors.sensors.live import ImuSample, VideoFrame
 from vip_factors.sensors.scene import Camera
@@ -48,9 +47,10 @@ def checked_imu(sample: ImuSample, attitude: AttitudeFilter) -> tuple[float, lis
 def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilter) -> list[float]:
     if sample.R_inertial_sensor is not None:
         R = _numbers(sample.R_inertial_sensor, (3, 3), "an orientation is not a (3, 3) matrix of finite numbers")
-        if rotation_errors(R[None])[0] > ROTATION_TOLERANCE:
+        values: list[float] = R.ravel().tolist()
+        if not _is_rotation(values):
             raise SampleError("an orientation is not a rotation matrix")
-        return R.ravel().tolist()
+        return values
     if sample.angular_rate is None or sample.specific_force is None:
         what = "they carry neither an orientation nor the angular rate and specific force to estimate it from"
         raise SampleError(what)
@@ -64,6 +64,23 @@ def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilte
     if oriented is None:
         raise SampleError("they came after newer ones")
     return oriented.ravel().tolist()
+
+
+def _is_rotation(R: list[float]) -> bool:
+    """Whether RᵀR is the identity within the tolerance of :class:`ImuStream`, and R no reflection.
+
+    Plain numbers: for a single sample NumPy takes ten times as long, a sixth of a stream's time with 13 sensors.
+    """
+    a, b, c, d, e, f, g, h, i = R
+    return (
+        abs(a * a + d * d + g * g - 1) <= ROTATION_TOLERANCE
+        and abs(b * b + e * e + h * h - 1) <= ROTATION_TOLERANCE
+        and abs(c * c + f * f + i * i - 1) <= ROTATION_TOLERANCE
+        and abs(a * b + d * e + g * h) <= ROTATION_TOLERANCE
+        and abs(a * c + d * f + g * i) <= ROTATION_TOLERANCE
+        and abs(b * c + e * f + h * i) <= ROTATION_TOLERANCE
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    )
 
 
 def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame:

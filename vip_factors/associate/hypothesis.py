@@ -157,10 +157,10 @@ class _Problem:
 
     def cost(self, R: Array, t: Array) -> Array:
         """Robust mean ``(P,)`` of the squared errors in sigmas."""
-        square = self._squares(self.seen(R, t)[1], t)
+        square = self._squares(self.seen(R, t)[1])
         return np.sum(self.w * CAUCHY**2 * np.log1p(square / CAUCHY**2), axis=1) / self.total
 
-    def _squares(self, flat: Array, t: Array) -> Array:
+    def _squares(self, flat: Array) -> Array:
         error = (flat - self.flat) * (self.scale / np.sqrt(np.maximum(self.w, 1e-12)) * self.depth[:, None])[..., None]
         return np.einsum("pki,pki->pk", error, error)
 
@@ -193,7 +193,7 @@ class _Problem:
     def _linearised(self, R: Array, t: Array) -> tuple[Array, Array]:
         """Normal matrix ``(P, 6, 6)`` and gradient ``(P, 6)`` for a rotation Exp(ω) R and a shift of t."""
         p, flat = self.seen(R, t)
-        doubt = 1 / np.sqrt(1 + self._squares(flat, t) / CAUCHY**2)
+        doubt = 1 / np.sqrt(1 + self._squares(flat) / CAUCHY**2)
         scale = self.scale * self.depth[:, None] * doubt
         inverse = 1 / np.maximum(p[..., 2], NEAREST_DEPTH / 5)
         by_point = np.zeros((*p.shape[:-1], 2, 3))

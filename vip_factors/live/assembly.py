@@ -253,7 +253,7 @@ class FrameAssembler:
         if math.isfinite(video):
             start = video + math.ceil((start - video) * self._rate - 1e-6) / self._rate
         self._start = start
-        self._presence.report_missing(self._clocks.present)
+        self._presence.report_missing()
 
     def _take_videos(self, point: int) -> tuple[VideoFrame, ...]:
         assert self._start is not None

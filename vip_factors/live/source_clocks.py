@@ -197,7 +197,7 @@ class SensorPresence:
             self._reached[sensor] = max(self._reached[sensor], time)
             self._welcome(sensor)
 
-    def report_missing(self, present: float) -> None:
+    def report_missing(self) -> None:
         """Report the sensors without a sample before the first frame."""
         for sensor, reached in enumerate(self._reached):
             if reached == -math.inf:
